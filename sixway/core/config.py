@@ -114,9 +114,7 @@ def _validate(
     try:
         return model.model_validate_json(plain)
     except ValidationError as error:
-        lines = sorted(
-            {_describe(model, tree, problem, source=source, origins=origins) for problem in error.errors()}
-        )
+        lines = sorted({_describe(model, tree, problem, source=source, origins=origins) for problem in error.errors()})
         raise ConfigError("\n".join(lines)) from error
 
 

@@ -161,9 +161,7 @@ class Camera:
         u = (np.arange(self.width_px) + 0.5) / self.width_px * 2.0 - 1.0
         v = 1.0 - (np.arange(self.height_px) + 0.5) / self.height_px * 2.0
         right, up, to_viewer = self.basis
-        on_plane = (
-            u[None, :, None] * self.half_width_m * right + v[:, None, None] * self.half_height_m * up
-        )
+        on_plane = u[None, :, None] * self.half_width_m * right + v[:, None, None] * self.half_height_m * up
         if self.kind == "orthographic":
             origins = np.array(self.position_m) + on_plane
             return origins, np.broadcast_to(-to_viewer, origins.shape).copy()

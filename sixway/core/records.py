@@ -10,9 +10,7 @@ from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS
 from sixway.core.frames import Grid
 
 
-def check_array(
-    name: str, array: np.ndarray, *, shape: tuple[int, ...], minimum: float | None = None
-) -> None:
+def check_array(name: str, array: np.ndarray, *, shape: tuple[int, ...], minimum: float | None = None) -> None:
     """Raise ValueError unless `array` is finite float32 of that shape with no value below `minimum`."""
     if array.dtype != np.float32:
         raise ValueError(f"{name} has dtype {array.dtype}; convert it to float32")

@@ -1,0 +1,73 @@
+"""Our own density frames as .npz: what the simulator writes and what a NumPy user has at hand."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from sixway.core.frames import Grid
+from sixway.core.records import DensityFrame
+from sixway.core.store import atomic_path
+from sixway.volumes.limits import LARGEST_FILE_BYTES, VolumeError, check_size
+
+
+def write_npz(path: Path, frame: DensityFrame) -> None:
+    """Write a frame atomically, float32 and compressed."""
+    arrays: dict[str, np.ndarray] = {
+        "density": frame.density,
+        "voxel_size_m": np.float64(frame.grid.voxel_size_m),  # type: ignore[dict-item]
+        "origin_m": np.array(frame.grid.origin_m),
+        "time_s": np.float64(frame.time_s),  # type: ignore[dict-item]
+    }
+    if frame.velocity_m_s is not None:
+        arrays["velocity_m_s"] = frame.velocity_m_s
+    if frame.obstacle is not None:
+        arrays["obstacle"] = frame.obstacle
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+
+def read_npz(path: Path) -> DensityFrame:
+    """Read a frame, or any .npz with a 3D array ``density`` [z, y, x] (then 1 m along its longest edge).
+
+    Raises VolumeError if the file is truncated, too large, holds pickled objects, lacks ``density``, or
+    holds NaN or negative values.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            total = sum(entry.file_size for entry in archive.infolist())
+        if total > LARGEST_FILE_BYTES:
+            raise VolumeError(f"{path}: unpacks to {total} bytes, over {LARGEST_FILE_BYTES}; resample it")
+        with np.load(path, allow_pickle=False) as arrays:
+            held = {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+        if isinstance(error, VolumeError | FileNotFoundError):
+            raise
+        raise VolumeError(f"{path}: not a readable .npz of plain arrays ({error}); write it again") from error
+    density = held.get("density")
+    if density is None or density.ndim != 3:
+        raise VolumeError(f"{path}: needs a 3D array 'density' [z, y, x]; it holds {sorted(held)}")
+    z, y, x = density.shape
+    check_size(str(path), (z, y, x))
+    if "voxel_size_m" in held:
+        grid = Grid(
+            shape_zyx=(z, y, x),
+            voxel_size_m=float(held["voxel_size_m"]),
+            origin_m=tuple(float(v) for v in held.get("origin_m", (0.0, 0.0, 0.0))),  # type: ignore[arg-type]
+        )
+    else:
+        grid = Grid.centred((z, y, x))
+    try:
+        return DensityFrame(
+            density=density.astype(np.float32),
+            grid=grid,
+            time_s=float(held.get("time_s", 0.0)),
+            velocity_m_s=_optional(held.get("velocity_m_s")),
+            obstacle=_optional(held.get("obstacle")),
+        )
+    except ValueError as error:
+        raise VolumeError(f"{path}: {error}") from error
+
+
+def _optional(array: np.ndarray | None) -> np.ndarray | None:
+    return None if array is None else array.astype(np.float32)

@@ -1,0 +1,77 @@
+"""One door for volumes: any file that we know -> DensityFrame, y up."""
+
+import glob
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sixway.core.frames import Grid
+from sixway.core.records import DensityFrame
+from sixway.volumes.limits import VolumeError
+from sixway.volumes.nanovdb import read_nanovdb
+from sixway.volumes.npz import read_npz
+from sixway.volumes.vol import read_vol
+
+Up = Literal["y", "z"]
+
+
+def read_volume(path: Path, *, up: Up = "y", grid_name: str = "density") -> DensityFrame:
+    """Read .nvdb, .vol or .npz. up: which axis of the file points up; z-up is turned to our y-up.
+
+    Raises FileNotFoundError, or VolumeError with the reason and the remedy.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: there is no such volume")
+    match path.suffix.lower():
+        case ".nvdb":
+            frame = read_nanovdb(path, grid_name=grid_name)
+        case ".vol":
+            frame = read_vol(path)
+        case ".npz":
+            frame = read_npz(path)
+        case suffix:
+            raise VolumeError(f"{path}: cannot read {suffix or 'files without a suffix'!r}; known: .nvdb .vol .npz")
+    return frame if up == "y" else z_up_to_y_up(frame)
+
+
+def find_volumes(pattern: str) -> list[Path]:
+    """The files that a path, a folder or a glob pattern names, in order of name.
+
+    Raises FileNotFoundError if there are none.
+    """
+    path = Path(pattern)
+    if path.is_dir():
+        found = [p for p in path.iterdir() if p.suffix.lower() in (".nvdb", ".vol", ".npz")]
+    else:
+        found = [Path(name) for name in glob.glob(pattern)] or [path]
+    found = sorted(p for p in found if p.is_file())
+    if not found:
+        raise FileNotFoundError(f"{pattern}: no volume matches; give a .nvdb, .vol or .npz file, a folder or a pattern")
+    return found
+
+
+def z_up_to_y_up(frame: DensityFrame) -> DensityFrame:
+    """Turn a z-up frame: its (x, y, z) becomes our (x, z, -y), a rotation, so nothing is mirrored."""
+
+    def turned(volume: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(np.swapaxes(volume, 0, 1)[::-1])
+
+    grid = frame.grid
+    z, y, x = grid.shape_zyx
+    origin_x, origin_y, origin_z = grid.origin_m
+    velocity = None
+    if frame.velocity_m_s is not None:
+        wind = turned(frame.velocity_m_s)
+        velocity = np.stack([wind[..., 0], wind[..., 2], -wind[..., 1]], axis=-1)
+    return DensityFrame(
+        density=turned(frame.density),
+        grid=Grid(
+            shape_zyx=(y, z, x),
+            voxel_size_m=grid.voxel_size_m,
+            origin_m=(origin_x, origin_z, -(origin_y + grid.extent_m[1])),
+        ),
+        time_s=frame.time_s,
+        velocity_m_s=velocity,
+        obstacle=None if frame.obstacle is None else turned(frame.obstacle),
+    )

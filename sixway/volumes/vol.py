@@ -1,0 +1,44 @@
+"""Mitsuba's grid volumes (.vol): version 3, float32, one channel, z-y-x with x fastest."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from sixway.core.frames import Grid
+from sixway.core.records import DensityFrame
+from sixway.volumes.limits import VolumeError, check_size, cubic_voxel
+
+_HEADER = struct.Struct("<3sB5i6f")  # magic, version, data type, x, y, z, channels, bounding box
+_FLOAT32 = 1
+
+
+def read_vol(path: Path) -> DensityFrame:
+    """Read a density volume; raises VolumeError if it is no such file, truncated, or holds NaN."""
+    with path.open("rb") as file:
+        head = file.read(_HEADER.size)
+        if len(head) < _HEADER.size or head[:3] != b"VOL":
+            raise VolumeError(f"{path}: not a Mitsuba volume (it starts with {head[:4]!r})")
+        _, version, kind, x, y, z, channels, *box = _HEADER.unpack(head)
+        if version != 3 or kind != _FLOAT32 or channels != 1:
+            raise VolumeError(
+                f"{path}: version {version}, data type {kind}, {channels} channels; "
+                "only version 3 with one float32 channel (type 1) is density"
+            )
+        check_size(str(path), (z, y, x))
+        raw = file.read(4 * x * y * z)
+    if len(raw) != 4 * x * y * z:
+        raise VolumeError(f"{path}: truncated after {len(raw)} of {4 * x * y * z} bytes; copy it again")
+    density = np.frombuffer(raw, dtype="<f4").reshape(z, y, x).astype(np.float32)
+    if not np.isfinite(density).all() or density.min() < 0.0:
+        raise VolumeError(f"{path}: density holds NaN or negative values; repair it")
+    first, last = box[:3], box[3:]
+    sizes = ((last[0] - first[0]) / x, (last[1] - first[1]) / y, (last[2] - first[2]) / z)
+    return DensityFrame(
+        density=density,
+        grid=Grid(
+            shape_zyx=(z, y, x),
+            voxel_size_m=cubic_voxel(str(path), sizes),
+            origin_m=(first[0], first[1], first[2]),
+        ),
+    )

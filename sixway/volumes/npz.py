@@ -1,6 +1,8 @@
 """Our own density frames as .npz: what the simulator writes and what a NumPy user has at hand."""
 
+import struct
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,18 @@ from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
 from sixway.core.store import atomic_path
 from sixway.volumes.limits import LARGEST_FILE_BYTES, VolumeError, check_size
+
+# What zipfile and NumPy raise on damaged archives: bad bytes, bad lengths, flags of encryption or unknown methods
+_DAMAGE = (
+    OSError,
+    ValueError,
+    EOFError,
+    KeyError,
+    RuntimeError,
+    struct.error,
+    zlib.error,
+    zipfile.BadZipFile,
+)
 
 
 def write_npz(path: Path, frame: DensityFrame) -> None:
@@ -40,9 +54,9 @@ def read_npz(path: Path) -> DensityFrame:
             raise VolumeError(f"{path}: unpacks to {total} bytes, over {LARGEST_FILE_BYTES}; resample it")
         with np.load(path, allow_pickle=False) as arrays:
             held = {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
-        if isinstance(error, VolumeError | FileNotFoundError):
-            raise
+    except (VolumeError, FileNotFoundError):
+        raise
+    except _DAMAGE as error:
         raise VolumeError(f"{path}: not a readable .npz of plain arrays ({error}); write it again") from error
     density = held.get("density")
     if density is None or density.ndim != 3:

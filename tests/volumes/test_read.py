@@ -88,7 +88,7 @@ def good_nvdb(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return nvdb_bytes(density, tmp_path_factory.mktemp("nvdb") / "good.nvdb")
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cut=st.floats(0.0, 0.98), flip=st.integers(0, 10_000), suffix=st.sampled_from([".npz", ".nvdb", ".vol"]))
 def test_damaged_files_raise_a_clear_error_or_read(
     tmp_path: Path, good_npz: bytes, good_nvdb: bytes, cut: float, flip: int, suffix: str

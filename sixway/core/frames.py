@@ -110,6 +110,8 @@ class Camera:
             raise ValueError(f"camera pitch {pitch_deg} deg must lie strictly between -90 and 90")
         if not 1.0 <= fov_deg <= 120.0:
             raise ValueError(f"field of view {fov_deg} deg must lie in [1, 120]")
+        if min(width_px, height_px) < 1:
+            raise ValueError(f"image of {width_px} x {height_px} px must be at least 1 x 1")
         yaw, pitch = math.radians(yaw_deg), math.radians(pitch_deg)
         right = (math.cos(yaw), 0.0, -math.sin(yaw))
         up = (-math.sin(yaw) * math.sin(pitch), math.cos(pitch), -math.cos(yaw) * math.sin(pitch))

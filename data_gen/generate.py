@@ -1,0 +1,8 @@
+"""Make a whole dataset: every stage in order."""
+
+import sys
+
+from sixway.generation.command import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,8 @@
+"""Scenario -> density frames."""
+
+import sys
+
+from sixway.generation.command import main
+
+if __name__ == "__main__":
+    sys.exit(main(only=("simulate",)))

@@ -1,0 +1,8 @@
+"""Density frames -> reference lightmaps."""
+
+import sys
+
+from sixway.generation.command import main
+
+if __name__ == "__main__":
+    sys.exit(main(only=("trace_references",)))

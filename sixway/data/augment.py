@@ -1,0 +1,42 @@
+"""Exact flips: a mirrored view of smoke is a view of mirrored smoke, with two of its maps exchanged.
+
+A horizontal flip exchanges left and right, a vertical one top and bottom, in guide and target alike;
+the sum of front, top and bottom light stays. A quarter turn is no symmetry of that guide.
+"""
+
+from jaxtyping import Float
+from torch import Tensor
+
+from sixway.core.conventions import FLIP_HORIZONTAL, FLIP_VERTICAL, LIGHTMAP_CHANNELS
+from sixway.data.clips import Batch
+
+
+def flip_channels(channels: tuple[str, ...], exchange: dict[str, str]) -> list[int]:
+    """Index of the channel that each flipped channel is read from.
+
+    Raises ValueError if a channel's partner is absent: that guide has no such symmetry.
+    """
+    partners = [exchange.get(name, name) for name in channels]
+    missing = [name for name in partners if name not in channels]
+    if missing:
+        raise ValueError(f"channels {channels} cannot be flipped: {missing} are absent; switch flips off")
+    return [channels.index(name) for name in partners]
+
+
+def flip_image(
+    images: Float[Tensor, "n c h w"], channels: tuple[str, ...], *, horizontal: bool, vertical: bool
+) -> Float[Tensor, "n c h w"]:
+    """Flip pictures and exchange the channels that the flip exchanges."""
+    if horizontal:
+        images = images[:, flip_channels(channels, FLIP_HORIZONTAL)].flip(-1)
+    if vertical:
+        images = images[:, flip_channels(channels, FLIP_VERTICAL)].flip(-2)
+    return images
+
+
+def flip_pair(pair: Batch, guide_channels: tuple[str, ...], *, horizontal: bool, vertical: bool) -> Batch:
+    """Flip guide and target of every frame alike."""
+    return Batch(
+        guide=flip_image(pair.guide, guide_channels, horizontal=horizontal, vertical=vertical),
+        target=flip_image(pair.target, LIGHTMAP_CHANNELS, horizontal=horizontal, vertical=vertical),
+    )

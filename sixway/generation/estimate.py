@@ -1,0 +1,111 @@
+"""What a dataset will cost, from a probe of two frames made on the spot."""
+
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from sixway.core.exr import write_exr
+from sixway.core.records import DensityFrame
+from sixway.generation.stages import Generation
+from sixway.guide.march import GuideMarcher
+from sixway.reference.lightmaps import LightmapTracer
+from sixway.sim.solver import SmokeSolver
+from sixway.volumes.npz import write_npz
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Time and disk of one stage."""
+
+    stage: str
+    units: int
+    seconds_each: float
+    bytes_each: float
+
+    @property
+    def seconds(self) -> float:
+        return self.units * self.seconds_each
+
+    @property
+    def bytes(self) -> float:
+        return self.units * self.bytes_each
+
+
+def estimate(job: Generation) -> list[Cost]:
+    """Probe two frames of the first simulation through every stage; kernels are compiled beforehand.
+
+    Later frames hold more smoke than the probe's, so references may take somewhat longer.
+    """
+    plan, device = job.plan, job.device
+    config, simulation = plan.config, plan.simulations[0]
+    medium, view = config.medium.medium, simulation.views[0]
+    frames_simulated = sum(s.scenario.warmup_frames + max(s.frames) + 1 for s in plan.simulations)
+    frames_kept = sum(len(s.frames) for s in plan.simulations)
+    views = {
+        split: sum(len(s.frames) * len(s.views) for s in plan.simulations if (s.split == "test") == split)
+        for split in (False, True)
+    }
+    short = simulation.scenario.model_copy(update={"frames": 3, "warmup_frames": 0})
+    seconds, frames = _timed_frames(SmokeSolver(short, device=device))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_npz(folder / "d.npz", frames[-1])
+        costs = [
+            Cost("simulate", frames_simulated, seconds, 0.0),
+            Cost("density files", frames_kept, 0.0, (folder / "d.npz").stat().st_size),
+        ]
+        for guide_name, guide in config.guides.items():
+            marcher = GuideMarcher(guide, medium, device=device)
+            marcher.march(frames[0], view.camera, seed=0)
+            start = time.perf_counter()
+            image = [marcher.march(frame, view.camera, seed=0) for frame in frames[1:]][-1]
+            each = (time.perf_counter() - start) / len(frames[1:])
+            write_exr(folder / "g.exr", image.image, image.channels)
+            size = (folder / "g.exr").stat().st_size
+            costs.append(Cost(f"guide {guide_name}", sum(views.values()), each, size))
+        tracer = LightmapTracer(config.reference, medium, device=job.tracer_device)
+        tracer.trace(frames[0], view.camera, seed=0)
+        start = time.perf_counter()
+        lightmap = [tracer.trace(frame, view.camera, seed=0) for frame in frames[1:]][-1]
+        each = (time.perf_counter() - start) / len(frames[1:])
+        write_exr(folder / "t.exr", lightmap.image, lightmap.channels)
+        size = (folder / "t.exr").stat().st_size
+        costs.append(Cost("references", views[False], each, size))
+        if views[True]:
+            costs.append(Cost("test references", views[True], each * config.test_samples_factor, size))
+        row = 2 * view.camera.width_px * view.camera.height_px
+        channels = lightmap.image.shape[-1] + 2 + sum(len(guide.channels) for guide in config.guides.values())
+        costs.append(Cost("packed arrays", sum(views.values()), 0.0, row * channels))
+    return costs
+
+
+def _timed_frames(solver: SmokeSolver) -> tuple[float, list[DensityFrame]]:
+    """Seconds a frame, the first (which compiles) left out, and the frames."""
+    frames, ticks = [], []
+    for frame in solver.frames():
+        frames.append(frame)
+        ticks.append(time.perf_counter())
+    return float(np.mean(np.diff(ticks))), frames
+
+
+def print_costs(costs: list[Cost], *, workers: int) -> None:
+    """A table of the estimate on standard output."""
+    table = Table("stage", "frames", "s each", "minutes", "MB", title="Estimated cost (one process)")
+    for cost in costs:
+        table.add_row(
+            cost.stage,
+            str(cost.units),
+            f"{cost.seconds_each:.3f}",
+            f"{cost.seconds / 60:.1f}",
+            f"{cost.bytes / 1e6:.1f}",
+        )
+    total_s, total_bytes = sum(cost.seconds for cost in costs), sum(cost.bytes for cost in costs)
+    table.add_row("total", "", "", f"{total_s / 60:.1f}", f"{total_bytes / 1e6:.1f}")
+    Console().print(table)
+    if workers > 1:
+        print(f"simulate and guides run in {workers} processes, so their share shrinks")

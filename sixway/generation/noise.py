@@ -1,0 +1,49 @@
+"""How noisy the references are: some test frames traced once more with another seed."""
+
+import numpy as np
+
+from sixway.core.color import encode_srgb
+from sixway.core.conventions import DIRECTIONS
+from sixway.core.exr import read_exr
+from sixway.core.store import read_json, write_json
+from sixway.generation.stages import TARGET_CHANNELS, Generation
+from sixway.reference.lightmaps import LightmapTracer
+
+_PROBES = 4
+_OTHER_SEED = 0x5EED
+
+
+def reference_noise_psnr_db(job: Generation, *, scale: float) -> float | None:
+    """PSNR [dB] between two test references that differ in their seed alone; sRGB maps, brightness scaled.
+
+    Each carries noise, so their difference has twice its variance: against one of them a perfect net
+    scores 3.01 dB more than this (bias apart). None without test simulations or where both are equal.
+    Kept in ``noise.json`` beside the frames that it speaks of.
+    """
+    rows = [(s, v, f) for s in job.plan.simulations if s.split == "test" for f in s.frames for v in s.views]
+    if not rows:
+        return None
+    rows = rows[:: max(1, len(rows) // _PROBES)][:_PROBES]
+    kept = job.store(job.plan.target(rows[0][0], rows[0][1])).path / "noise.json"
+    names = [[s.name, v.name, f] for s, v, f in rows]
+    if kept.is_file() and (known := read_json(kept))["rows"] == names:
+        linear_mse = np.array(known["mse_by_scale"].get(f"{scale:.6g}", np.nan))
+        if np.isfinite(linear_mse):
+            return _psnr(float(linear_mse))
+    reference = job.plan.reference(rows[0][0])
+    tracer = LightmapTracer(reference, job.plan.config.medium.medium, device=job.tracer_device)
+    errors = []
+    for simulation, view, frame in rows:
+        path = job.store(job.plan.target(simulation, view)).frame_path(frame, ".exr")
+        first = read_exr(path, TARGET_CHANNELS)
+        seed = job.plan.seed(simulation, view, frame) ^ _OTHER_SEED
+        second = tracer.trace(job.read_density(simulation, frame), view.camera, seed=seed).image
+        lit = slice(0, len(DIRECTIONS))
+        errors.append(np.mean((encode_srgb(first[..., lit] * scale) - encode_srgb(second[..., lit] * scale)) ** 2))
+    mse = float(np.mean(errors))
+    write_json(kept, {"rows": names, "mse_by_scale": {f"{scale:.6g}": mse}})
+    return _psnr(mse)
+
+
+def _psnr(mse: float) -> float | None:
+    return -10.0 * float(np.log10(mse)) if mse > 0.0 else None

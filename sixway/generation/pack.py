@@ -1,0 +1,131 @@
+"""Frames on disk -> the arrays that training reads, and the manifest that describes the whole dataset."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sixway.core.conventions import DIRECTIONS
+from sixway.core.exr import read_exr
+from sixway.core.progress import track
+from sixway.core.store import atomic_path, content_hash, provenance, sha256_file, write_text
+from sixway.data.manifest import MANIFEST, Group, Manifest, PackedArray, Sample, Split
+from sixway.generation.noise import reference_noise_psnr_db
+from sixway.generation.plan import Folder, Simulation, View
+from sixway.generation.stages import FLOW_CHANNELS, TARGET_CHANNELS, Generation
+
+Row = tuple[Simulation, View, int]
+
+_SCALE_PERCENTILE = 99.9
+_HISTOGRAM_EDGES = np.concatenate([[0.0], np.geomspace(1e-4, 1e3, 100_001)])
+"""Bins 0.016 % wide: the percentile of any number of frames in bounded memory."""
+
+
+def pack(job: Generation) -> Manifest:
+    """Pack every split and image size and write `manifest.json`; unchanged arrays are kept.
+
+    Raises FileNotFoundError or CorruptFrameError naming the frame that is missing or damaged, ValueError
+    if there is no training frame with light in it.
+    """
+    groups = [_pack_group(job, split, rows) for split, rows in _grouped(job)]
+    scale = _brightness_scale(job.out, groups)
+    manifest = Manifest(
+        name=job.plan.config.name,
+        scale=scale,
+        medium=job.plan.config.medium.model_dump(mode="json"),
+        guides={name: guide.model_dump(mode="json") for name, guide in job.plan.config.guides.items()},
+        groups=tuple(groups),
+        noise_psnr_db=reference_noise_psnr_db(job, scale=scale),
+        config=job.plan.config.model_dump(mode="json"),
+        provenance=provenance(),
+    )
+    write_text(job.out / MANIFEST, manifest.model_dump_json(indent=1) + "\n")
+    return manifest
+
+
+def _grouped(job: Generation) -> Iterator[tuple[Split, list[Row]]]:
+    """Rows of one split and image size, frames of a pair side by side."""
+    groups: dict[tuple[Split, int, int], list[Row]] = defaultdict(list)
+    for simulation in job.plan.simulations:
+        for view in simulation.views:
+            key = (simulation.split, view.camera.height_px, view.camera.width_px)
+            groups[key] += [(simulation, view, frame) for frame in simulation.frames]
+    for (split, _, _), rows in groups.items():
+        yield split, rows
+
+
+def _pack_group(job: Generation, split: Split, rows: list[Row]) -> Group:
+    plan = job.plan
+    camera = rows[0][1].camera
+    targets = [_recorded(job, plan.target(s, v), f) for s, v, f in rows]
+    arrays = {"target": _pack_array(job, "target", split, targets, TARGET_CHANNELS, camera)}
+    for name, guide in plan.config.guides.items():
+        files = [_recorded(job, plan.guide(name, s, v), f) for s, v, f in rows]
+        arrays[f"guide_{name}"] = _pack_array(job, f"guide_{name}", split, files, guide.channels, camera)
+    files = [_recorded(job, plan.flow(s, v), f) for s, v, f in rows]
+    arrays["flow"] = _pack_array(job, "flow", split, files, FLOW_CHANNELS, camera)
+    samples = tuple(
+        Sample(
+            simulation=simulation.name,
+            view=view.name,
+            frame=frame,
+            seed=plan.seed(simulation, view, frame),
+            target=str(path.relative_to(job.out)),
+            target_sha256=digest,
+        )
+        for (simulation, view, frame), (path, digest) in zip(rows, targets, strict=True)
+    )
+    return Group(split=split, height_px=camera.height_px, width_px=camera.width_px, arrays=arrays, samples=samples)
+
+
+def _recorded(job: Generation, folder: Folder, frame: int) -> tuple[Path, str]:
+    """A finished frame and its recorded hash; raises FileNotFoundError if it is not finished."""
+    store = job.store(folder)
+    path = store.frame_path(frame, ".exr")
+    record = store.done().get(path.name)
+    if record is None:
+        raise FileNotFoundError(f"{path}: this frame is missing; run the generation command again to make it")
+    return path, record["sha256"]
+
+
+def _pack_array(
+    job: Generation, layer: str, split: Split, files: list[tuple[Path, str]], channels: tuple[str, ...], camera: Any
+) -> PackedArray:
+    """Stack EXR frames into one float16 .npy [n, c, h, w], named by the hashes of what went in."""
+    name = f"{split}_{camera.width_px}x{camera.height_px}_{layer}"
+    key = content_hash([digest for _, digest in files])
+    path = job.out / "packed" / f"{name}_{key}.npy"
+    if not path.is_file():
+        shape = (len(files), len(channels), camera.height_px, camera.width_px)
+        with atomic_path(path) as temporary:
+            array = np.lib.format.open_memmap(temporary, mode="w+", dtype=np.float16, shape=shape)
+            for row, (frame, digest) in enumerate(track(files, total=len(files), label=f"pack {name}")):
+                if sha256_file(frame) != digest:
+                    raise ValueError(
+                        f"{frame}: its hash differs from the one recorded when it was made; delete the file and "
+                        "run the generation command again"
+                    )
+                image = read_exr(frame, channels, (camera.height_px, camera.width_px))
+                array[row] = np.moveaxis(image, -1, 0)
+            array.flush()
+            del array
+        for old in path.parent.glob(f"{name}_*.npy"):
+            if old != path and len(old.stem) == len(path.stem):
+                old.unlink()
+    return PackedArray(path=str(path.relative_to(job.out)), sha256=sha256_file(path), channels=channels)
+
+
+def _brightness_scale(out: Path, groups: list[Group]) -> float:
+    """The factor that puts the 99.9th percentile of the training maps at 1."""
+    counts = np.zeros(len(_HISTOGRAM_EDGES) - 1, np.int64)
+    for group in groups:
+        if group.split == "train":
+            maps = np.load(out / group.arrays["target"].path, mmap_mode="r")
+            for image in maps:
+                counts += np.histogram(image[: len(DIRECTIONS)].astype(np.float32), bins=_HISTOGRAM_EDGES)[0]
+    if not counts[1:].any():
+        raise ValueError("the training references hold no light at all; check the medium's extinction and the splits")
+    place = int(np.searchsorted(np.cumsum(counts), counts.sum() * _SCALE_PERCENTILE / 100.0))
+    return float(1.0 / _HISTOGRAM_EDGES[place + 1])

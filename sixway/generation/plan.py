@@ -1,0 +1,222 @@
+"""What a dataset is to hold, and where each piece of it goes.
+
+Every folder of frames is named by the hash of all that made it, so a changed setting makes new folders
+and touches no old ones, and a raised count makes only what is new.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from sixway.core.config import Config, ConfigError, load_config
+from sixway.core.frames import Camera, Grid
+from sixway.core.records import Medium
+from sixway.core.store import content_hash
+from sixway.data.manifest import Split
+from sixway.guide.march import GuideConfig
+from sixway.reference.lightmaps import ReferenceConfig
+from sixway.sim.scenario import ScenarioConfig
+
+
+class SimulationEntry(Config):
+    """One simulation of the dataset and the split that all of it belongs to."""
+
+    name: str = Field(pattern=r"^[a-z0-9_]+$")
+    scenario: str
+    """Path of a scenario file, relative to the dataset's config."""
+    split: Split
+    set: tuple[str, ...] = ()
+    """Overrides of the scenario, ``key.subkey=value``."""
+
+
+class ViewsConfig(Config):
+    """Cameras around every simulation: each yaw with each pitch."""
+
+    yaws_deg: tuple[float, ...] = Field(default=(0.0,), min_length=1)
+    pitches_deg: tuple[float, ...] = Field(default=(0.0,), min_length=1)
+    kind: Literal["orthographic", "perspective"] = "perspective"
+    fov_deg: float = Field(default=30.0, ge=1.0, le=120.0)
+    margin: float = Field(default=1.0, ge=0.5, le=4.0)
+    """Radius of what the image frames, in radii of the volume's bounding sphere."""
+    width_px: int = Field(default=64, ge=8, le=4096)
+    height_px: int = Field(default=64, ge=8, le=4096)
+
+
+class MediumConfig(Config):
+    """How the smoke meets light; see `core.records.Medium`."""
+
+    extinction_per_m: float = Field(gt=0.0)
+    albedo: float = Field(default=1.0, ge=0.0, le=1.0)
+    hg_g: float = Field(default=0.0, ge=-0.95, le=0.95)
+
+    @property
+    def medium(self) -> Medium:
+        return Medium(extinction_per_m=self.extinction_per_m, albedo=self.albedo, hg_g=self.hg_g)
+
+
+class DatasetConfig(Config):
+    """A dataset: simulations, views, pairs of consecutive frames, guide variants and references."""
+
+    name: str = Field(pattern=r"^[a-z0-9_]+$")
+    seed: int = Field(default=0, ge=0)
+    simulations: tuple[SimulationEntry, ...] = Field(min_length=1)
+    views: ViewsConfig
+    pairs_per_simulation: int = Field(ge=1)
+    """Pairs of consecutive frames taken of each simulation; raising it keeps those already made."""
+    medium: MediumConfig
+    guides: dict[str, GuideConfig] = Field(min_length=1)
+    """Guide variants by name; all are marched, training picks one."""
+    reference: ReferenceConfig
+    test_samples_factor: int = Field(default=4, ge=1)
+    """Samples of the test references, as a multiple of the training ones."""
+
+    @model_validator(mode="after")
+    def _names_once(self) -> Self:
+        names = [entry.name for entry in self.simulations]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"simulations {twice} are named twice; every simulation needs a name of its own")
+        bad = [name for name in self.guides if not name.isidentifier()]
+        if bad:
+            raise ValueError(f"guide variants {bad} must be plain names such as paper")
+        return self
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera around a grid, with the name that its folder bears."""
+
+    name: str
+    camera: Camera
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """One simulation with its scenario read, and the frames of it that the dataset takes."""
+
+    name: str
+    split: Split
+    scenario: ScenarioConfig
+    frames: tuple[int, ...]
+    views: tuple[View, ...]
+
+
+@dataclass(frozen=True)
+class Folder:
+    """One folder of frames: its path below the dataset, and the settings that its hash stands for."""
+
+    path: str
+    made_by: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A dataset config with its scenarios, cameras, frames and folders worked out."""
+
+    config: DatasetConfig
+    simulations: tuple[Simulation, ...]
+
+    @classmethod
+    def read(cls, path: Path, overrides: tuple[str, ...] = ()) -> Self:
+        """Read a dataset config and the scenarios that it names. Raises ConfigError, all at once."""
+        config = load_config(DatasetConfig, path, overrides)
+        simulations, problems = [], []
+        for entry in config.simulations:
+            try:
+                scenario = load_config(ScenarioConfig, path.parent / entry.scenario, entry.set)
+                simulations.append(_simulation(entry, scenario, config))
+            except (ConfigError, FileNotFoundError) as error:
+                problems.append(f"{path}: simulations: {entry.name}: {error}")
+        if problems:
+            raise ConfigError("\n".join(problems))
+        return cls(config=config, simulations=tuple(simulations))
+
+    def density(self, simulation: Simulation) -> Folder:
+        return _folder("density", simulation.name, made_by={"scenario": simulation.scenario.model_dump(mode="json")})
+
+    def target(self, simulation: Simulation, view: View) -> Folder:
+        """Reference frames; test simulations get more samples."""
+        reference = self.reference(simulation)
+        return self._of_view("target", simulation, view, {"reference": reference.model_dump(mode="json")})
+
+    def guide(self, name: str, simulation: Simulation, view: View) -> Folder:
+        return self._of_view(
+            f"guide_{name}", simulation, view, {"guide": self.config.guides[name].model_dump(mode="json")}
+        )
+
+    def flow(self, simulation: Simulation, view: View) -> Folder:
+        return self._of_view("flow", simulation, view, {})
+
+    def reference(self, simulation: Simulation) -> ReferenceConfig:
+        reference = self.config.reference
+        if simulation.split != "test":
+            return reference
+        return reference.model_copy(update={"samples": reference.samples * self.config.test_samples_factor})
+
+    def seed(self, simulation: Simulation, view: View, frame: int) -> int:
+        """One seed for every frame and view, whatever the order in which they are made."""
+        return int(content_hash([self.config.seed, simulation.name, view.name, frame])[:7], 16)
+
+    def _of_view(self, layer: str, simulation: Simulation, view: View, made_by: dict[str, Any]) -> Folder:
+        everything = {
+            **made_by,
+            "seed": self.config.seed,
+            "medium": self.config.medium.model_dump(mode="json"),
+            "views": self.config.views.model_dump(mode="json", exclude={"yaws_deg", "pitches_deg"}),
+            "density": self.density(simulation).path,
+        }
+        return _folder(layer, simulation.name, view.name, made_by=everything)
+
+
+def _folder(*parts: str, made_by: dict[str, Any]) -> Folder:
+    return Folder(path="/".join((*parts, content_hash(made_by))), made_by=made_by)
+
+
+def _simulation(entry: SimulationEntry, scenario: ScenarioConfig, config: DatasetConfig) -> Simulation:
+    most = scenario.frames // 2
+    if config.pairs_per_simulation > most:
+        raise ConfigError(
+            f"pairs_per_simulation={config.pairs_per_simulation} needs {2 * config.pairs_per_simulation} frames, "
+            f"its scenario hands over {scenario.frames}; lower the pairs to {most} or raise frames"
+        )
+    return Simulation(
+        name=entry.name,
+        split=entry.split,
+        scenario=scenario,
+        frames=pair_frames(scenario.frames, config.pairs_per_simulation),
+        views=tuple(_views(config.views, scenario.density_grid)),
+    )
+
+
+def _views(config: ViewsConfig, grid: Grid) -> list[View]:
+    return [
+        View(
+            name=f"yaw{yaw:+g}_pitch{pitch:+g}_{config.width_px}x{config.height_px}",
+            camera=Camera.around(
+                grid,
+                yaw_deg=yaw,
+                pitch_deg=pitch,
+                kind=config.kind,
+                fov_deg=config.fov_deg,
+                margin=config.margin,
+                width_px=config.width_px,
+                height_px=config.height_px,
+            ),
+        )
+        for yaw in config.yaws_deg
+        for pitch in config.pitches_deg
+    ]
+
+
+def pair_frames(num_frames: int, num_pairs: int) -> tuple[int, ...]:
+    """The frames of `num_pairs` pairs (2i, 2i + 1), spread over the sequence, in order of time.
+
+    Pairs are taken in bit-reversed order (van der Corput), so a larger count keeps every earlier pair.
+    """
+    most = num_frames // 2
+    bits = max(1, (most - 1).bit_length())
+    spread = [int(f"{i:0{bits}b}"[::-1], 2) for i in range(1 << bits)]
+    starts = sorted([i for i in spread if i < most][:num_pairs])
+    return tuple(frame for start in starts for frame in (2 * start, 2 * start + 1))

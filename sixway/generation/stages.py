@@ -1,0 +1,186 @@
+"""The stages of generation. Each makes the frames that are missing and yields once for each frame made."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from sixway.core.conventions import LIGHTMAP_CHANNELS
+from sixway.core.exr import write_exr
+from sixway.core.records import DensityFrame
+from sixway.core.store import provenance
+from sixway.generation.jobs import FrameStore, Shard, run_shards
+from sixway.generation.plan import Folder, Plan, Simulation, View
+from sixway.guide.march import GuideMarcher
+from sixway.guide.motion import project_motion
+from sixway.reference.lightmaps import LightmapTracer
+from sixway.sim.solver import SmokeSolver
+from sixway.volumes.npz import read_npz, write_npz
+
+TARGET_CHANNELS = LIGHTMAP_CHANNELS[:-1]
+"""No scenario burns yet, so references hold no emissive channel; training masks it out."""
+
+FLOW_CHANNELS = ("flow_right", "flow_down")
+
+
+@dataclass(frozen=True)
+class Generation:
+    """Where a dataset is made, by which plan, on which device (``cpu``, ``cuda``)."""
+
+    plan: Plan
+    out: Path
+    device: str = "cpu"
+
+    @property
+    def tracer_device(self) -> Literal["cpu", "cuda"]:
+        """Mitsuba knows one CUDA device; Warp tells them apart."""
+        return "cuda" if self.device.startswith("cuda") else "cpu"
+
+    def store(self, folder: Folder) -> FrameStore:
+        return FrameStore(self.out, folder)
+
+    def density_path(self, simulation: Simulation, frame: int) -> Path:
+        return self.store(self.plan.density(simulation)).frame_path(frame, ".npz")
+
+    def read_density(self, simulation: Simulation, frame: int) -> DensityFrame:
+        path = self.density_path(simulation, frame)
+        if not path.is_file():
+            raise FileNotFoundError(f"{path}: this density frame is missing; run the simulate stage first")
+        return read_npz(path)
+
+
+def simulate(job: Generation, *, workers: int = 1) -> None:
+    """Scenario -> density frames. Raises RuntimeError if a flow blows up."""
+    _run(job, "simulate", simulate_shard, _density_stores(job), workers)
+
+
+def march_guides(job: Generation, *, workers: int = 1) -> None:
+    """Density -> one guide a variant, and the motion of the smoke in the image."""
+    _run(job, "march guides", march_shard, _guide_stores(job), workers)
+
+
+def trace_references(job: Generation) -> None:
+    """Density -> six-way reference lightmaps. Mitsuba uses every core by itself, so there is one process."""
+    _run(job, "trace references", trace_shard, _target_stores(job), 1)
+
+
+def simulate_shard(job: Generation, shard: Shard) -> Iterator[None]:
+    """A simulation is run again from its start if frames are missing: the same bytes come out."""
+    for simulation in shard.of(list(job.plan.simulations)):
+        store = job.store(job.plan.density(simulation))
+        missing = {f for f in simulation.frames if store.frame_path(f, ".npz").name not in store.done()}
+        if not missing:
+            continue
+        for number, frame in enumerate(SmokeSolver(simulation.scenario, device=job.device).frames()):
+            if number in missing:
+                path = store.frame_path(number, ".npz")
+                write_npz(path, frame)
+                store.record(path, frame=number, seed=simulation.scenario.seed)
+                yield
+            if number >= max(missing):
+                break
+
+
+def march_shard(job: Generation, shard: Shard) -> Iterator[None]:
+    config, medium = job.plan.config, job.plan.config.medium.medium
+    marchers = {name: GuideMarcher(guide, medium, device=job.device) for name, guide in config.guides.items()}
+    for simulation, number in shard.of(_frames(job.plan)):
+        frame: DensityFrame | None = None
+        frame_s = simulation.scenario.units.dt_s * simulation.scenario.steps_per_frame
+        for view in simulation.views:
+            seed = job.plan.seed(simulation, view, number)
+            facts = {"frame": number, "seed": seed}
+            for name, marcher in marchers.items():
+                store = job.store(job.plan.guide(name, simulation, view))
+                path = store.frame_path(number, ".exr")
+                if path.name not in store.done():
+                    frame = frame or job.read_density(simulation, number)
+                    guide = marcher.march(frame, view.camera, seed=seed)
+                    write_exr(path, guide.image, guide.channels, _attributes(job, simulation, view, facts))
+                    store.record(path, **facts)
+                    yield
+            store = job.store(job.plan.flow(simulation, view))
+            path = store.frame_path(number, ".exr")
+            if path.name not in store.done():
+                frame = frame or job.read_density(simulation, number)
+                flow = project_motion(frame, view.camera, medium, frame_s=frame_s, device=job.device)
+                write_exr(path, flow, FLOW_CHANNELS, _attributes(job, simulation, view, facts))
+                store.record(path, **facts)
+                yield
+
+
+def trace_shard(job: Generation, shard: Shard) -> Iterator[None]:
+    medium = job.plan.config.medium.medium
+    tracers: dict[str, LightmapTracer] = {}
+    for simulation, number in shard.of(_frames(job.plan)):
+        reference = job.plan.reference(simulation)
+        frame: DensityFrame | None = None
+        for view in simulation.views:
+            store = job.store(job.plan.target(simulation, view))
+            path = store.frame_path(number, ".exr")
+            if path.name in store.done():
+                continue
+            if reference.model_dump_json() not in tracers:
+                tracers[reference.model_dump_json()] = LightmapTracer(reference, medium, device=job.tracer_device)
+            tracer = tracers[reference.model_dump_json()]
+            frame = frame or job.read_density(simulation, number)
+            seed = job.plan.seed(simulation, view, number)
+            lightmap = tracer.trace(frame, view.camera, seed=seed)
+            facts = {"frame": number, "seed": seed, "method": tracer.method}
+            write_exr(path, lightmap.image, lightmap.channels, _attributes(job, simulation, view, facts))
+            store.record(path, **facts)
+            yield
+
+
+def _run(
+    job: Generation, label: str, shard_work: Any, stores: list[tuple[FrameStore, list[str]]], workers: int
+) -> None:
+    total = sum(len(names) for _, names in stores)
+
+    def done() -> int:
+        return sum(len(set(names) & store.done().keys()) for store, names in stores)
+
+    run_shards(partial(shard_work, job), label=label, total=total, done=done, workers=workers)
+
+
+def _density_stores(job: Generation) -> list[tuple[FrameStore, list[str]]]:
+    return [(job.store(job.plan.density(s)), _names(s, ".npz")) for s in job.plan.simulations]
+
+
+def _guide_stores(job: Generation) -> list[tuple[FrameStore, list[str]]]:
+    plan = job.plan
+    views = [(s, v) for s in plan.simulations for v in s.views]
+    folders = [(plan.guide(name, s, v), s) for s, v in views for name in plan.config.guides]
+    folders += [(plan.flow(s, v), s) for s, v in views]
+    return [(job.store(folder), _names(s, ".exr")) for folder, s in folders]
+
+
+def _target_stores(job: Generation) -> list[tuple[FrameStore, list[str]]]:
+    return [(job.store(job.plan.target(s, v)), _names(s, ".exr")) for s in job.plan.simulations for v in s.views]
+
+
+def all_stores(job: Generation) -> list[tuple[FrameStore, list[str]]]:
+    """Every folder of the dataset with the names of the files that it must hold."""
+    return _density_stores(job) + _guide_stores(job) + _target_stores(job)
+
+
+def _names(simulation: Simulation, suffix: str) -> list[str]:
+    return [f"frame_{frame:04d}{suffix}" for frame in simulation.frames]
+
+
+def _frames(plan: Plan) -> list[tuple[Simulation, int]]:
+    return [(simulation, frame) for simulation in plan.simulations for frame in simulation.frames]
+
+
+def _attributes(job: Generation, simulation: Simulation, view: View, facts: dict[str, Any]) -> dict[str, Any]:
+    """What an EXR says of itself, so that a frame that left its dataset can be traced back."""
+    made = provenance()
+    return {
+        "sixway/dataset": job.plan.config.name,
+        "sixway/simulation": simulation.name,
+        "sixway/view": view.name,
+        "sixway/units": "maps: M = pi L / E, linear, premultiplied; alpha = 1 - T; flow: px/frame right, down",
+        "sixway/commit": made["commit"],
+        **{f"sixway/{key}": value for key, value in facts.items()},
+    }

@@ -1,0 +1,111 @@
+"""A frame of smoke as a Mitsuba scene: an empty-skinned box of medium, one sun, one sensor."""
+
+import math
+
+import mitsuba as mi
+import numpy as np
+
+from sixway.core.conventions import TO_LIGHT
+from sixway.core.frames import Camera, Grid
+from sixway.core.records import Medium
+from sixway.reference.media import Extinction
+
+_FIELD = "box.interior_medium.sigma_t.data"
+
+
+class SmokeScene:
+    """A scene for one grid, image size and kind of camera; new frames, poses and lights update it in place.
+
+    Updating keeps the compiled kernels, which a scene loaded afresh does not. The light has irradiance 1.
+    """
+
+    def __init__(self, grid: Grid, camera: Camera, medium: Medium) -> None:
+        self.key = scene_key(grid, camera)
+        transform = mi.ScalarTransform4f
+        centre, half = list(grid.centre_m), [0.5 * edge for edge in grid.extent_m]
+        empty = mi.VolumeGrid(np.zeros((*grid.shape_zyx, 1), np.float32))
+        self.scene = mi.load_dict(
+            {
+                "type": "scene",
+                "sensor": _sensor(camera),
+                "light": {"type": "directional", "irradiance": 1.0},
+                "box": {
+                    "type": "cube",
+                    "to_world": transform().translate(centre) @ transform().scale(half),
+                    "bsdf": {"type": "null"},
+                    "interior": {
+                        "type": "heterogeneous",
+                        "sigma_t": {
+                            "type": "gridvolume",
+                            "grid": empty,
+                            "to_world": transform().translate(list(grid.origin_m))
+                            @ transform().scale(list(grid.extent_m)),
+                            "filter_type": "trilinear",
+                            "wrap_mode": "clamp",
+                            "raw": True,
+                        },
+                        "albedo": {"type": "constvolume", "value": medium.albedo},
+                        "phase": {"type": "hg", "g": medium.hg_g},
+                    },
+                },
+            }
+        )
+        self._parameters = mi.traverse(self.scene)
+
+    def show(self, extinction: Extinction, camera: Camera) -> None:
+        """Fill the grid [1/m] and stand the sensor where `camera` is; both must fit the scene's key."""
+        assert scene_key(extinction.grid, camera) == self.key
+        self._parameters[_FIELD] = mi.TensorXf(extinction.sigma_t[..., None])
+        self._parameters["sensor.to_world"] = mi.Transform4f(_pose(camera))
+        if camera.kind == "perspective":
+            self._parameters["sensor.x_fov"] = mi.Float(_x_fov_deg(camera))
+        self._parameters.update()
+
+    def light_from(self, direction: str, camera: Camera) -> None:
+        """Turn the sun so that its light comes from that direction of the camera's frame."""
+        to_light = np.array(camera.to_world(TO_LIGHT[direction]))
+        # any up that is not parallel: a sun has no roll
+        up = camera.basis[0] if direction in ("top", "bottom") else camera.basis[1]
+        pose = mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=list(-to_light), up=list(up))
+        self._parameters["light.to_world"] = mi.Transform4f(pose)
+        self._parameters.update()
+
+
+def scene_key(grid: Grid, camera: Camera) -> tuple[Grid, str, int, int]:
+    """What a scene cannot change once it is loaded."""
+    return grid, camera.kind, camera.width_px, camera.height_px
+
+
+def _sensor(camera: Camera) -> dict:
+    sensor = {
+        "type": camera.kind if camera.kind == "orthographic" else "perspective",
+        "to_world": _pose(camera),
+        "near_clip": 1e-3 * camera.distance_m,
+        "far_clip": 1e3 * camera.distance_m,
+        "film": {
+            "type": "hdrfilm",
+            "width": camera.width_px,
+            "height": camera.height_px,
+            "pixel_format": "luminance",
+            "component_format": "float32",
+            "rfilter": {"type": "box"},  # a wider filter would mix pixels
+        },
+        "sampler": {"type": "independent"},
+    }
+    if camera.kind == "perspective":
+        sensor |= {"fov": _x_fov_deg(camera), "fov_axis": "x"}
+    return sensor
+
+
+def _pose(camera: Camera) -> "mi.ScalarTransform4f":
+    """Sensor to world. Mitsuba's sensors look along their +z with +x to the image's LEFT: look_at knows."""
+    pose = mi.ScalarTransform4f().look_at(
+        origin=list(camera.position_m), target=list(camera.target_m), up=list(camera.up)
+    )
+    if camera.kind == "orthographic":  # its image is 2 wide before scaling, whatever its aspect
+        pose = pose @ mi.ScalarTransform4f().scale([camera.half_width_m, camera.half_width_m, 1.0])
+    return pose
+
+
+def _x_fov_deg(camera: Camera) -> float:
+    return math.degrees(2.0 * math.atan(camera.half_width_m / camera.distance_m))

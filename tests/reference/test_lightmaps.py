@@ -1,0 +1,176 @@
+"""The six maps against closed forms, against Mitsuba's own path tracer, and against common sense."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sixway.core.conventions import DIRECTIONS, FLIP_HORIZONTAL
+from sixway.core.frames import Camera, Grid
+from sixway.core.records import DensityFrame, Medium
+from sixway.reference.lightmaps import LightmapTracer, ReferenceConfig, trace_lightmaps
+
+SMOKE = Medium(extinction_per_m=12.0)
+
+
+def tracer(device: str, medium: Medium = SMOKE, **config) -> LightmapTracer:
+    return LightmapTracer(ReferenceConfig(**config), medium, device=device)
+
+
+def pooled(image: np.ndarray, block: int = 8) -> np.ndarray:
+    height, width, channels = image.shape
+    return image.reshape(height // block, block, width // block, block, channels).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize(("method", "samples", "tolerance"), [("cached", 1, 0.005), ("stock", 256, 0.02)])
+def test_single_scattering_in_a_homogeneous_cube(
+    cube_frame: DensityFrame, device: str, method: str, samples: int, tolerance: float
+) -> None:
+    """M = pi L with L = a/(4 pi) times the integral of exp(-(way in + way out)) along the ray."""
+    s, albedo, pixels = 3.0, 0.8, 32
+    medium = Medium(extinction_per_m=s, albedo=albedo)
+    camera = Camera.around(cube_frame.grid, kind="orthographic", width_px=pixels, height_px=pixels)
+    camera = replace(camera, half_height_m=0.5)
+    maps = tracer(device, medium, method=method, bounces="single", samples=samples).trace(cube_frame, camera, seed=1)
+    inner = slice(2, -2)
+    depth = (np.arange(pixels) + 0.5)[inner] / pixels
+    # along z the empty border turns each face into a ramp one voxel wide, which light from the side passes
+    z = np.linspace(-0.5 / 32, 1 + 0.5 / 32, 20001)
+    ramp = np.clip(np.minimum(z, 1 - z) * 32 + 0.5, 0.0, 1.0)
+    behind = np.cumsum(ramp) * (z[1] - z[0])
+    along_ray = ramp * np.exp(-s * behind) * np.exp(-s * np.outer(depth, ramp))
+    side = albedo / 4 * s * np.trapezoid(along_ray, z, axis=-1)
+    expected = {
+        "front": albedo / 4 * (1 - math.exp(-2 * s)) / 2,
+        "back": albedo / 4 * s * math.exp(-s),
+        "left": side,
+        "right": side[::-1],
+        "top": side,
+        "bottom": side[::-1],
+    }
+    for name in DIRECTIONS:
+        along = maps[name][inner, inner].mean(axis=1 if name in ("top", "bottom") else 0)
+        error = np.mean(along / expected[name]) - 1
+        assert abs(error) < tolerance, f"{name}: {error:+.2%}"
+    np.testing.assert_allclose(maps["alpha"][inner, inner], 1 - math.exp(-s), rtol=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
+def test_cached_agrees_with_stock_for_one_bounce(blob_frame: DensityFrame, device: str, kind: str) -> None:
+    medium = Medium(extinction_per_m=12.0, albedo=0.9, hg_g=0.3)
+    camera = Camera.around(blob_frame.grid, kind=kind, yaw_deg=33.0, pitch_deg=20.0, width_px=48, height_px=32)
+    cached = tracer(device, medium).trace(blob_frame, camera, seed=1).image
+    stock = tracer(device, medium, method="stock", samples=1024).trace(blob_frame, camera, seed=2).image
+    np.testing.assert_allclose(cached.mean((0, 1)), stock.mean((0, 1)), rtol=0.015)
+    np.testing.assert_allclose(cached[..., 6], stock[..., 6], atol=0.02)
+    difference = np.sqrt(np.mean((pooled(cached) - pooled(stock)) ** 2, axis=(0, 1)))
+    assert (difference < 0.05 * stock.mean((0, 1))).all(), difference / stock.mean((0, 1))
+
+
+def test_all_bounces_agree_with_stock(blob_frame: DensityFrame, device: str) -> None:
+    camera = Camera.around(blob_frame.grid, yaw_deg=-60.0, width_px=32, height_px=32)
+    smoke = Medium(extinction_per_m=6.0)  # half an optical depth per voxel at most: beyond it the grid is too coarse
+    cached = tracer(device, smoke, bounces="multi", samples=8).trace(blob_frame, camera, seed=1).image
+    stock = tracer(device, smoke, bounces="multi", method="stock", samples=1024).trace(blob_frame, camera, seed=2).image
+    np.testing.assert_allclose(cached.mean((0, 1)), stock.mean((0, 1)), rtol=0.025)
+
+
+def test_thin_smoke_reads_a_quarter_of_its_optical_depth(blob_frame: DensityFrame, device: str) -> None:
+    """M -> pi * albedo * tau / (4 pi) for every light, so M / alpha -> albedo / 4."""
+    camera = Camera.around(blob_frame.grid, width_px=32, height_px=32)
+    thin = Medium(extinction_per_m=0.01, albedo=0.6)
+    maps = tracer(device, thin).trace(blob_frame, camera, seed=0)
+    seen = maps["alpha"] > 1e-5
+    for name in DIRECTIONS:
+        np.testing.assert_allclose(maps[name][seen] / maps["alpha"][seen], 0.15, rtol=0.01)
+
+
+def test_mirrored_smoke_swaps_left_and_right(blob_frame: DensityFrame, device: str) -> None:
+    camera = Camera.around(blob_frame.grid, width_px=32, height_px=32)
+    mirrored = replace(blob_frame, density=np.ascontiguousarray(blob_frame.density[:, :, ::-1]))
+    trace = tracer(device, samples=64)
+    maps, swapped = (trace.trace(frame, camera, seed=0) for frame in (blob_frame, mirrored))
+    for name in DIRECTIONS:
+        other = swapped[FLIP_HORIZONTAL.get(name, name)][:, ::-1]
+        np.testing.assert_allclose(maps[name], other, rtol=0.03, atol=0.002, err_msg=name)
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 100.0])
+def test_each_light_shines_on_its_own_side(device: str, yaw_deg: float) -> None:
+    n = 24
+    centres = (np.arange(n) + 0.5) / n - 0.5
+    ball = (centres[:, None, None] ** 2 + centres[None, :, None] ** 2 + centres**2 < 0.16).astype(np.float32)
+    frame = DensityFrame(density=ball, grid=Grid.centred((n, n, n)))
+    camera = Camera.around(frame.grid, yaw_deg=yaw_deg, pitch_deg=15.0, width_px=32, height_px=32)
+    maps = tracer(device).trace(frame, camera, seed=0)
+    right, top = np.s_[:, 16:], np.s_[:16]
+    for name, side in (("right", right), ("top", top)):
+        assert maps[name][side].sum() > 0.7 * maps[name].sum()
+    for name, side in (("left", right), ("bottom", top)):
+        assert maps[name][side].sum() < 0.3 * maps[name].sum()
+    assert maps["front"][16, 16] > 4 * maps["back"][16, 16]
+
+
+@pytest.mark.parametrize("method", ["cached", "stock"])
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
+@pytest.mark.parametrize(("yaw_deg", "pitch_deg"), [(0.0, 0.0), (70.0, 30.0), (-160.0, -40.0)])
+def test_one_bright_voxel_lies_on_its_camera_ray(
+    device: str, method: str, kind: str, yaw_deg: float, pitch_deg: float
+) -> None:
+    grid = Grid(shape_zyx=(12, 16, 20), voxel_size_m=0.1, origin_m=(3.0, -1.0, 0.5))
+    density = np.zeros(grid.shape_zyx, np.float32)
+    density[9, 4, 17] = 1.0
+    voxel_m = np.array(grid.origin_m) + (np.array([17, 4, 9]) + 0.5) * grid.voxel_size_m
+    camera = Camera.around(grid, kind=kind, yaw_deg=yaw_deg, pitch_deg=pitch_deg, width_px=60, height_px=40)
+    trace = tracer(device, Medium(extinction_per_m=5.0), method=method, bounces="single", samples=64)
+    front = trace.trace(DensityFrame(density=density, grid=grid), camera, seed=0)["front"]
+    rows, columns = np.indices(front.shape)
+    row, column = (np.average(index, weights=front) for index in (rows, columns))
+    origins, rays = camera.rays()
+    miss = np.linalg.norm(np.cross(voxel_m - origins, rays), axis=-1)
+    nearest = np.unravel_index(miss.argmin(), miss.shape)
+    assert abs(row - nearest[0]) < 0.75 and abs(column - nearest[1]) < 0.75
+
+
+def test_an_obstacle_hides_smoke_and_casts_no_shadow(blob_frame: DensityFrame, device: str) -> None:
+    camera = Camera.around(blob_frame.grid, kind="orthographic", width_px=32, height_px=32)
+    n = blob_frame.grid.shape_zyx[0]
+    wall = np.zeros_like(blob_frame.density)
+    wall[n - 2, :, n // 2 :] = 1.0  # before the right half, towards the viewer at +z
+    trace = tracer(device)
+    free = trace.trace(blob_frame, camera, seed=0)
+    hidden = trace.trace(replace(blob_frame, obstacle=wall), camera, seed=0)
+    half_extent_px = 16 / math.sqrt(3.0)
+    behind = np.s_[:, 17 : int(16 + half_extent_px)]
+    assert hidden.image[behind].max() < 0.01 * free.image[behind].max()
+    np.testing.assert_allclose(hidden.image[:, :15], free.image[:, :15], rtol=0.02, atol=1e-3)
+    with pytest.raises(ValueError, match="use method 'cached'"):
+        tracer(device, method="stock").trace(replace(blob_frame, obstacle=wall), camera, seed=0)
+
+
+def test_no_smoke_is_black(device: str) -> None:
+    grid = Grid.centred((8, 8, 8))
+    frame = DensityFrame(density=np.zeros(grid.shape_zyx, np.float32), grid=grid)
+    camera = Camera.around(grid, width_px=12, height_px=8)
+    assert not tracer(device).trace(frame, camera, seed=0).image.any()
+    assert not tracer(device, method="stock", samples=1).trace(frame, camera, seed=0).image.any()
+
+
+def test_a_seed_repeats_and_another_differs_little(blob_frame: DensityFrame, device: str) -> None:
+    camera = Camera.around(blob_frame.grid, width_px=32, height_px=32)
+    first, again, other = (trace_lightmaps(blob_frame, camera, SMOKE, seed=seed).image for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    noise = np.sqrt(np.mean((first - other) ** 2) / 2) / first.mean()
+    assert 0.0 < noise < 0.02
+
+
+def test_anisotropic_smoke_with_all_bounces_asks_for_stock(device: str) -> None:
+    with pytest.raises(ValueError, match="use method 'stock'"):
+        tracer(device, Medium(extinction_per_m=1.0, hg_g=0.4), bounces="multi")
+
+
+def test_stock_refuses_a_camera_inside_the_volume(blob_frame: DensityFrame, device: str) -> None:
+    camera = replace(Camera.around(blob_frame.grid, width_px=8, height_px=8), distance_m=0.1)
+    with pytest.raises(ValueError, match="stands inside"):
+        tracer(device, method="stock", samples=1).trace(blob_frame, camera, seed=0)

@@ -1,0 +1,35 @@
+"""The velocity set and the units."""
+
+import numpy as np
+import pytest
+
+from sixway.sim.lattice import OPPOSITE, SOUND_SPEED, VELOCITIES, WEIGHTS, relaxation_time
+from sixway.sim.units import LatticeUnits
+
+
+def test_moments_are_isotropic_to_fourth_order() -> None:
+    c, w, eye = VELOCITIES, WEIGHTS, np.eye(3)
+    assert len(np.unique(c, axis=0)) == 19
+    np.testing.assert_allclose(w.sum(), 1.0)
+    np.testing.assert_allclose(np.einsum("q,qa->a", w, c), 0.0, atol=1e-15)
+    np.testing.assert_allclose(np.einsum("q,qa,qb->ab", w, c, c), SOUND_SPEED**2 * eye, atol=1e-15)
+    np.testing.assert_allclose(np.einsum("q,qa,qb,qd->abd", w, c, c, c), 0.0, atol=1e-15)
+    pairs = np.einsum("ab,de->abde", eye, eye)
+    fourth = pairs + pairs.transpose(0, 2, 1, 3) + pairs.transpose(0, 2, 3, 1)
+    np.testing.assert_allclose(np.einsum("q,qa,qb,qd,qe->abde", w, c, c, c, c), SOUND_SPEED**4 * fourth, atol=1e-15)
+
+
+def test_opposites_are_opposite() -> None:
+    np.testing.assert_array_equal(VELOCITIES[OPPOSITE], -VELOCITIES)
+
+
+def test_units_keep_the_reynolds_number() -> None:
+    units = LatticeUnits.from_speed(dx_m=0.02, speed_m_s=4.0, lattice_speed=0.1)
+    assert units.velocity_to_lattice(4.0) == pytest.approx(0.1)
+    assert units.velocity_m_s * 0.1 == pytest.approx(4.0)
+    in_si = 4.0 * 0.3 / 1e-3
+    on_lattice = 0.1 * (0.3 / 0.02) / units.viscosity_to_lattice(1e-3)
+    assert on_lattice == pytest.approx(in_si)
+    fall_m = 0.5 * 9.81 * (7 * units.dt_s) ** 2
+    assert 0.5 * units.acceleration_to_lattice(9.81) * 7**2 * units.dx_m == pytest.approx(fall_m)
+    assert relaxation_time(1 / 6) == pytest.approx(1.0)

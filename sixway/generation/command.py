@@ -9,7 +9,7 @@ from pathlib import Path
 from sixway.core.config import dump_config
 from sixway.generation import stages
 from sixway.generation.estimate import estimate, print_costs
-from sixway.generation.jobs import Shard
+from sixway.generation.jobs import Shard, quieten_warp
 from sixway.generation.pack import pack
 from sixway.generation.plan import Plan
 from sixway.generation.stages import Generation
@@ -36,6 +36,7 @@ def main(arguments: Sequence[str] | None = None, *, only: Sequence[str] = STAGES
     parser.add_argument("--dry-run", action="store_true", help="print plan and cost, make nothing")
     parser.add_argument("--no-estimate", action="store_true", help="skip the two-frame probe")
     options = parser.parse_intermixed_args(arguments)
+    quieten_warp()
     try:
         return _run(options, only)
     except (ValueError, OSError, RuntimeError) as error:

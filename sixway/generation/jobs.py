@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import warp as wp
+
 from sixway.core.progress import track
 from sixway.core.store import append_json_line, read_json_lines, sha256_file, write_json
 from sixway.generation.plan import Folder
@@ -113,5 +115,11 @@ def _watch(processes: list[Any], done: Callable[[], int], seen: int) -> Iterator
 
 
 def _drain(work: Callable[[Shard], Iterable[object]], shard: Shard) -> None:
+    quieten_warp()
     for _ in work(shard):
         pass
+
+
+def quieten_warp() -> None:
+    """Keep Warp's greeting out of the progress; every process would print it."""
+    wp.config.log_level = wp.LOG_WARNING

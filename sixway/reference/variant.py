@@ -10,7 +10,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -99,10 +99,8 @@ def _wheel_libraries() -> list[Path]:
     if libraries:
         for name in ("libunwind.so.1", "libc++abi.so.1", "libc++.so.1"):
             for runtime in sorted(lib.glob(f"*-linux-gnu/{name}*"))[:1]:
-                try:
+                with suppress(OSError):  # libLLVM itself will name what is missing
                     ctypes.CDLL(str(runtime))
-                except OSError:
-                    pass  # libLLVM itself will name what is missing
     return libraries
 
 

@@ -1,0 +1,26 @@
+"""From smoke to lightmaps with no path tracing: march the guide that the net was trained on, then ask it."""
+
+from sixway.core.config import parse_config
+from sixway.core.frames import Camera
+from sixway.core.records import DensityFrame, Medium, SixWayLightmap
+from sixway.guide.march import GuideConfig, GuideMarcher
+from sixway.inference.predict import Predictor, predict
+
+
+class LightmapBaker:
+    """Predicts lightmaps for frame after frame of one kind of smoke.
+
+    extinction_per_m: how dense the smoke is to be; albedo and anisotropy are those of the training.
+    Raises ConfigError if the net's guide cannot be marched by this version.
+    """
+
+    def __init__(self, predictor: Predictor, *, extinction_per_m: float, device: str) -> None:
+        card = predictor.card
+        config = parse_config(GuideConfig, card.guide, source="the net's guide")
+        medium = Medium(extinction_per_m=extinction_per_m, albedo=card.medium["albedo"], hg_g=card.medium["hg_g"])
+        self._predictor = predictor
+        self._marcher = GuideMarcher(config, medium, device=device)
+
+    def bake(self, frame: DensityFrame, camera: Camera, *, seed: int) -> SixWayLightmap:
+        """Six maps and alpha of one frame as `camera` sees it, linear, M = pi L / E."""
+        return predict(self._predictor, self._marcher.march(frame, camera, seed=seed))

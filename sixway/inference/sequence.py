@@ -1,0 +1,93 @@
+"""A sequence of relit pictures: which volumes, which camera, which lights, picture by picture."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from sixway.core.frames import Camera
+from sixway.core.records import DensityFrame
+from sixway.inference.bake import LightmapBaker
+from sixway.shading.compose import BlendRule, over, shade
+from sixway.shading.light import DirectionalLight
+from sixway.volumes.read import Up, read_volume
+
+
+@dataclass(frozen=True)
+class Path1D:
+    """A value that stays, or runs evenly from `first` to `last`."""
+
+    first: float
+    last: float
+
+    @classmethod
+    def parse(cls, text: str) -> "Path1D":
+        """``A`` or ``A:B`` in degrees; raises ValueError."""
+        parts = text.split(":")
+        try:
+            values = [float(part) for part in parts]
+        except ValueError:
+            values = []
+        if not 1 <= len(values) <= 2 or not np.isfinite(values).all():
+            raise ValueError(f"{text!r} is neither a number nor a path A:B of two numbers")
+        return cls(values[0], values[-1])
+
+    @property
+    def moves(self) -> bool:
+        return self.first != self.last
+
+    def at(self, number: int, count: int) -> float:
+        """Value for picture `number` of `count`."""
+        return self.first + (self.last - self.first) * number / max(1, count - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """What to render. volumes: one, or one a picture. exposure: factor on the shaded light."""
+
+    volumes: tuple[Path, ...]
+    num_pictures: int
+    up: Up
+    grid_name: str
+    yaw_deg: Path1D
+    pitch_deg: Path1D
+    light_turn_deg: Path1D
+    lights: tuple[DirectionalLight, ...]
+    rule: BlendRule
+    exposure: float
+    background: tuple[float, float, float]
+    width_px: int
+    height_px: int
+    margin: float
+
+    def volume(self, number: int) -> Path:
+        return self.volumes[number if len(self.volumes) > 1 else 0]
+
+
+def render(shot: Shot, baker: LightmapBaker, numbers: list[int]) -> Iterator[tuple[int, Float[np.ndarray, "h w 3"]]]:
+    """Yield (picture number, linear RGB) for the pictures asked for; every picture keeps the same jitter."""
+    background = np.broadcast_to(np.array(shot.background, np.float32), (shot.height_px, shot.width_px, 3))
+    path, frame = None, None
+    for number in numbers:
+        if shot.volume(number) != path or frame is None:
+            path = shot.volume(number)
+            frame = read_volume(path, up=shot.up, grid_name=shot.grid_name)
+        lightmap = baker.bake(frame, camera_of(shot, frame, number), seed=0)
+        turn = shot.light_turn_deg.at(number, shot.num_pictures)
+        lights = [light.turned(turn) for light in shot.lights]
+        smoke = shot.exposure * shade(lightmap, lights, rule=shot.rule)
+        yield number, over(smoke, lightmap["alpha"], background)
+
+
+def camera_of(shot: Shot, frame: DensityFrame, number: int) -> Camera:
+    """The camera of one picture, framing that frame's volume."""
+    return Camera.around(
+        frame.grid,
+        yaw_deg=shot.yaw_deg.at(number, shot.num_pictures),
+        pitch_deg=shot.pitch_deg.at(number, shot.num_pictures),
+        margin=shot.margin,
+        width_px=shot.width_px,
+        height_px=shot.height_px,
+    )

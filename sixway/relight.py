@@ -1,0 +1,163 @@
+"""Relight a volume: `python -m sixway.relight cloud.nvdb --checkpoint runs/tiny --light right -o out.png`."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import get_args
+
+import warp as wp
+
+from sixway.core.color import encode_srgb
+from sixway.core.png import to_8bit, write_png
+from sixway.core.progress import track
+from sixway.core.store import content_hash, read_json, write_json
+from sixway.core.video import write_video
+from sixway.export import parse_size
+from sixway.inference.bake import LightmapBaker
+from sixway.inference.predict import load_predictor
+from sixway.inference.sequence import Path1D, Shot, render
+from sixway.shading.compose import BlendRule
+from sixway.shading.light import DirectionalLight
+from sixway.volumes.extinction import DEFAULT_OPTICAL_DEPTH, extinction_for_optical_depth
+from sixway.volumes.read import find_volumes, read_volume
+
+_PATH_PICTURES = 48
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Render what was asked for; the exit status."""
+    options = _parser().parse_args(arguments)
+    wp.config.log_level = wp.LOG_WARNING  # Warp greets on first use
+    try:
+        return _run(options)
+    except (ValueError, OSError, RuntimeError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m sixway.relight",
+        description="March a guide through density volumes, predict their six-way lightmaps, and shade them.",
+        epilog="example: python -m sixway.relight 'smoke_*.npz' --checkpoint net.onnx --light right,1,0.9,0.8 "
+        "--light 0:1:0.3,0.2,0.3,0.5 --camera-yaw 0:90 -o turn.mp4",
+    )
+    add = parser.add_argument
+    add("volume", help=".nvdb, .vol or .npz file, a folder, or a pattern (quoted)")
+    add("--checkpoint", type=Path, required=True, help="run folder or exported .onnx file")
+    add("-o", "--output", type=Path, required=True, help="out.png, out.mp4, or a folder of PNGs")
+    add("--light", action="append", help="NAME[,R,G,B] or X:Y:Z[,R,G,B]; may be repeated (default: right)")
+    add("--turn-lights", default="0", help="A or A:B: degrees around the camera's up axis")
+    add("--camera-yaw", default="0", help="A or A:B in degrees; A:B makes a sequence")
+    add("--camera-pitch", default="0", help="A or A:B in degrees")
+    add("--frames", help="A:B of the sorted volumes, B excluded")
+    add("--pictures", type=int, help=f"pictures of a path through one volume (default: {_PATH_PICTURES})")
+    add("--size", help="N or WxH in px (default: 256, or the size of the .onnx file)")
+    add("--up", choices=("y", "z"), default="y", help="axis of the file that points up (default: y)")
+    add("--grid", default="density", help="name of the grid in a file that holds several (default: density)")
+    add("--optical-depth", type=float, default=DEFAULT_OPTICAL_DEPTH, help="of thick columns (default: 8)")
+    add("--density-scale", type=float, help="extinction [1/m] of density 1, instead of --optical-depth")
+    add("--blend", choices=get_args(BlendRule), default="squared", help="rule of the six maps' weights")
+    add("--exposure", type=float, help="factor on the light (default: the net's brightness scale)")
+    add("--background", default="0.05,0.08,0.13", help="linear R,G,B behind the smoke")
+    add("--margin", type=float, default=0.8, help="what the image frames, in bounding radii (default: 0.8)")
+    add("--fps", type=int, default=24, help="of a video (default: 24)")
+    add("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    add("--dry-run", action="store_true", help="say what would be rendered, render nothing")
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    predictor = load_predictor(options.checkpoint, device=options.device)
+    volumes = _slice(find_volumes(options.volume), options.frames)
+    first = read_volume(volumes[0], up=options.up, grid_name=options.grid)
+    for name in ("optical_depth", "density_scale", "exposure", "margin", "fps"):
+        value = getattr(options, name)
+        if value is not None and not 0.0 < value < float("inf"):
+            raise ValueError(f"--{name.replace('_', '-')} {value} must be positive and finite")
+    extinction = options.density_scale or extinction_for_optical_depth(first, optical_depth=options.optical_depth)
+    card = predictor.card
+    own_size = (card.width_px, card.height_px) if options.checkpoint.suffix == ".onnx" else (256, 256)
+    width, height = parse_size(options.size) if options.size else own_size
+    shot = _shot(options, volumes, width, height, exposure=options.exposure or card.scale)
+    print(
+        f"{len(volumes)} volume(s) of {first.grid.shape_zyx[::-1]} voxels, density up to {first.density.max():.3g}; "
+        f"density scale {extinction:.4g} 1/m; {shot.num_pictures} picture(s) of {width} x {height}"
+    )
+    suffix = options.output.suffix.lower()
+    if suffix not in ("", ".png", ".mp4"):
+        raise ValueError(f"--output {options.output}: cannot write {suffix!r}; name a .png, a .mp4 or a folder")
+    if suffix == ".png" and shot.num_pictures > 1:
+        raise ValueError(
+            f"--output {options.output}: {shot.num_pictures} pictures need a folder or a .mp4, not one .png"
+        )
+    if options.dry_run:
+        print(f"dry run: nothing was written to {options.output}")
+        return 0
+    baker = LightmapBaker(predictor, extinction_per_m=extinction, device=options.device)
+    numbers = list(range(shot.num_pictures))
+    if suffix == "":
+        _write_folder(options.output, shot, baker, made_by=content_hash([repr(asdict(shot)), extinction, repr(card)]))
+    else:
+        pictures = track(render(shot, baker, numbers), total=len(numbers), label="relight")
+        if suffix == ".png":
+            for _, picture in pictures:
+                write_png(options.output, picture)
+        else:
+            frames = (to_8bit(encode_srgb(picture)) for _, picture in pictures)
+            write_video(options.output, frames, width=width, height=height, fps=options.fps)
+    print(f"relit: {options.output}")
+    return 0
+
+
+def _write_folder(folder: Path, shot: Shot, baker: LightmapBaker, *, made_by: str) -> None:
+    """Numbered PNGs; the same command again makes only those that are missing."""
+    record = folder / "relight.json"
+    same = record.is_file() and read_json(record).get("made_by") == made_by
+    paths = {number: folder / f"picture_{number:04d}.png" for number in range(shot.num_pictures)}
+    missing = [number for number, path in paths.items() if not (same and path.is_file())]
+    write_json(record, {"made_by": made_by})
+    for number, picture in track(render(shot, baker, missing), total=len(missing), label="relight"):
+        write_png(paths[number], picture)
+
+
+def _shot(options: argparse.Namespace, volumes: list[Path], width: int, height: int, *, exposure: float) -> Shot:
+    yaw, pitch, turn = (Path1D.parse(t) for t in (options.camera_yaw, options.camera_pitch, options.turn_lights))
+    moves = yaw.moves or pitch.moves or turn.moves
+    count = len(volumes) if len(volumes) > 1 else (options.pictures or (_PATH_PICTURES if moves else 1))
+    if count < 1:
+        raise ValueError(f"--pictures {count} must be at least 1")
+    background = [float(v) for v in options.background.split(",")]
+    if len(background) != 3:
+        raise ValueError(f"--background {options.background} is not R,G,B")
+    return Shot(
+        volumes=tuple(volumes),
+        num_pictures=count,
+        up=options.up,
+        grid_name=options.grid,
+        yaw_deg=yaw,
+        pitch_deg=pitch,
+        light_turn_deg=turn,
+        lights=tuple(DirectionalLight.parse(text) for text in options.light or ["right"]),
+        rule=options.blend,
+        exposure=exposure,
+        background=(background[0], background[1], background[2]),
+        width_px=width,
+        height_px=height,
+        margin=options.margin,
+    )
+
+
+def _slice(volumes: list[Path], frames: str | None) -> list[Path]:
+    if frames is None:
+        return volumes
+    first, colon, last = frames.partition(":")
+    if not (colon and first.isdigit() and last.isdigit() and 0 <= int(first) < int(last) <= len(volumes)):
+        raise ValueError(f"--frames {frames!r} is not A:B with 0 <= A < B <= {len(volumes)}, the volumes found")
+    return volumes[int(first) : int(last)]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

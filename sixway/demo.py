@@ -70,7 +70,8 @@ def _relight_all(out: Path, data: Path, run: Path, onnx: Path, device: list[str]
     for name, up in _REAL_VOLUMES.items():
         if (folder / name).is_file():
             picture = out / f"relit_{Path(name).stem}.png"
-            jobs.append([str(folder / name), "--up", up, "--checkpoint", str(run), *lights, "-o", str(picture)])
+            view = ["--up", up, "--camera-yaw", "30", "--size", "384"]
+            jobs.append([str(folder / name), "--checkpoint", str(run), *lights, *view, "-o", str(picture)])
     if len(jobs) == 2:
         print("SIXWAY_REAL_VOLUMES names no folder with volumes of other people, so none is relit")
     return max(

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from sixway.core.frames import parse_size
 from sixway.inference.onnx import OPSET, export_onnx
 from sixway.models.card import load_net
 
@@ -34,14 +35,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     print(f"exported: {path} ({path.stat().st_size / 1e6:.2f} MB), differs from torch by at most {difference:.1e}")
     return 0
-
-
-def parse_size(text: str) -> tuple[int, int]:
-    """``N`` or ``WxH`` in px, 1 to 8192; raises ValueError."""
-    parts = text.lower().split("x")
-    if len(parts) > 2 or not all(part.isdigit() and 1 <= int(part) <= 8192 for part in parts):
-        raise ValueError(f"size {text!r} is not N or WxH with sides of 1 to 8192 px")
-    return int(parts[0]), int(parts[-1])
 
 
 if __name__ == "__main__":

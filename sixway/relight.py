@@ -1,6 +1,7 @@
 """Relight a volume: `python -m sixway.relight cloud.nvdb --checkpoint runs/tiny --light right -o out.png`."""
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -10,11 +11,11 @@ from typing import get_args
 import warp as wp
 
 from sixway.core.color import encode_srgb
+from sixway.core.frames import parse_size
 from sixway.core.png import to_8bit, write_png
 from sixway.core.progress import track
 from sixway.core.store import content_hash, read_json, write_json
 from sixway.core.video import write_video
-from sixway.export import parse_size
 from sixway.inference.bake import LightmapBaker
 from sixway.inference.predict import load_predictor
 from sixway.inference.sequence import Path1D, Shot, render
@@ -28,13 +29,24 @@ _PATH_PICTURES = 48
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Render what was asked for; the exit status."""
-    options = _parser().parse_args(arguments)
+    options = _parser().parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
     wp.config.log_level = wp.LOG_WARNING  # Warp greets on first use
     try:
         return _run(options)
     except (ValueError, OSError, RuntimeError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+
+
+def _joined(arguments: Sequence[str]) -> list[str]:
+    """``--light -1:0:0`` as ``--light=-1:0:0``: argparse takes a leading minus for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and re.fullmatch(r"--[a-z-]+", joined[-1]) and re.match(r"-[0-9.]", argument):
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
 
 
 def _parser() -> argparse.ArgumentParser:

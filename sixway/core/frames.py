@@ -174,3 +174,11 @@ class Camera:
     def resized(self, width_px: int, height_px: int) -> Self:
         """The same view at another resolution; a different aspect widens or narrows the image."""
         return replace(self, width_px=width_px, height_px=height_px)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """``N`` or ``WxH`` in px, 1 to 8192; raises ValueError."""
+    parts = text.lower().split("x")
+    if len(parts) > 2 or not all(part.isdigit() and 1 <= int(part) <= 8192 for part in parts):
+        raise ValueError(f"size {text!r} is not N or WxH with sides of 1 to 8192 px")
+    return int(parts[0]), int(parts[-1])

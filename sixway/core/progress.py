@@ -11,6 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 Item = TypeVar("Item")
 
 _SECONDS_BETWEEN_LINES = 15.0
+_SECONDS_WORTH_A_LINE = 2.0
 
 
 def track(items: Iterable[Item], *, total: int, label: str, start: int = 0) -> Iterator[Item]:
@@ -28,7 +29,8 @@ def track(items: Iterable[Item], *, total: int, label: str, start: int = 0) -> I
     for done, item in enumerate(items, start=1):
         yield item
         now = time.monotonic()
-        if now - told >= _SECONDS_BETWEEN_LINES or start + done == total:
+        finished = start + done == total and now - began > _SECONDS_WORTH_A_LINE
+        if finished or now - told >= _SECONDS_BETWEEN_LINES:
             told = now
             left = (now - began) / done * (total - start - done)
             print(f"{label}: {start + done}/{total}, {now - began:.0f} s, about {left:.0f} s left", file=sys.stderr)

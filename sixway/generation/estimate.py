@@ -5,7 +5,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -14,8 +13,11 @@ from sixway.core.records import DensityFrame
 from sixway.generation.stages import Generation
 from sixway.guide.march import GuideMarcher
 from sixway.reference.lightmaps import LightmapTracer
+from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import SmokeSolver
 from sixway.volumes.npz import write_npz
+
+_LONGEST_PROBE_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -37,9 +39,10 @@ class Cost:
 
 
 def estimate(job: Generation) -> list[Cost]:
-    """Probe two frames of the first simulation through every stage; kernels are compiled beforehand.
+    """Probe two frames from the middle of the first simulation through every stage, kernels compiled beforehand.
 
-    Later frames hold more smoke than the probe's, so references may take somewhat longer.
+    The way to the middle is cut short after some seconds; young smoke then makes the estimate too low,
+    which is said on standard output.
     """
     plan, device = job.plan, job.device
     config, simulation = plan.config, plan.simulations[0]
@@ -50,8 +53,7 @@ def estimate(job: Generation) -> list[Cost]:
         split: sum(len(s.frames) * len(s.views) for s in plan.simulations if (s.split == "test") == split)
         for split in (False, True)
     }
-    short = simulation.scenario.model_copy(update={"frames": 3, "warmup_frames": 0})
-    seconds, frames = _timed_frames(SmokeSolver(short, device=device))
+    seconds, frames = _probe(simulation.scenario, device=device)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_npz(folder / "d.npz", frames[-1])
@@ -84,13 +86,22 @@ def estimate(job: Generation) -> list[Cost]:
     return costs
 
 
-def _timed_frames(solver: SmokeSolver) -> tuple[float, list[DensityFrame]]:
-    """Seconds a frame, the first (which compiles) left out, and the frames."""
-    frames, ticks = [], []
-    for frame in solver.frames():
-        frames.append(frame)
-        ticks.append(time.perf_counter())
-    return float(np.mean(np.diff(ticks))), frames
+def _probe(scenario: ScenarioConfig, *, device: str) -> tuple[float, list[DensityFrame]]:
+    """Seconds a simulated frame, and three frames around the middle of the sequence."""
+    solver = SmokeSolver(scenario, device=device)
+    solver.advance()  # compiles
+    middle, done = scenario.warmup_frames + scenario.frames // 2, 0
+    start = time.perf_counter()
+    while done < middle and time.perf_counter() - start < _LONGEST_PROBE_S:
+        solver.advance()
+        done += 1
+    if done < middle:
+        print(f"the probe stopped at frame {done} of {middle}: smoke is still young, references will cost more")
+    frames = []
+    for _ in range(3):
+        solver.advance()
+        frames.append(solver.frame())
+    return (time.perf_counter() - start) / (done + 3), frames
 
 
 def print_costs(costs: list[Cost], *, workers: int) -> None:

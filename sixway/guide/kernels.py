@@ -36,6 +36,21 @@ def trilinear(field: wp.array3d(dtype=float), voxel: wp.vec3) -> float:
     tx = x - fi
     ty = y - fj
     tz = z - fk
+    inside = i >= 0 and j >= 0 and k >= 0
+    if inside and i + 1 < field.shape[2] and j + 1 < field.shape[1] and k + 1 < field.shape[0]:
+        return wp.lerp(
+            wp.lerp(
+                wp.lerp(field[k, j, i], field[k, j, i + 1], tx),
+                wp.lerp(field[k, j + 1, i], field[k, j + 1, i + 1], tx),
+                ty,
+            ),
+            wp.lerp(
+                wp.lerp(field[k + 1, j, i], field[k + 1, j, i + 1], tx),
+                wp.lerp(field[k + 1, j + 1, i], field[k + 1, j + 1, i + 1], tx),
+                ty,
+            ),
+            tz,
+        )
     near = wp.lerp(
         wp.lerp(voxel_or_zero(field, k, j, i), voxel_or_zero(field, k, j, i + 1), tx),
         wp.lerp(voxel_or_zero(field, k, j + 1, i), voxel_or_zero(field, k, j + 1, i + 1), tx),
@@ -102,8 +117,16 @@ def ray_forward(
     return wp.normalize(u * right + v * up + to_target)
 
 
+SMALLEST_WEIGHT = wp.constant(1.0e-4)
+"""A sample that could add less than this to the picture is not lit."""
+
+LARGEST_OPTICAL_DEPTH = wp.constant(12.0)
+"""Light that has passed this much smoke is gone."""
+
+
 @wp.kernel
 def march_guide(
+    first_row: int,
     density: wp.array3d(dtype=float),
     obstacle: wp.array3d(dtype=float),
     has_obstacle: int,
@@ -128,7 +151,8 @@ def march_guide(
     depth_m: wp.array2d(dtype=float),
 ):
     """Algorithm 1 of the paper, one channel a light. Positions are relative to the grid's corner."""
-    row, column = wp.tid()
+    band_row, column = wp.tid()
+    row = first_row + band_row
     shape = wp.vec2(float(transmittance.shape[0]), float(transmittance.shape[1]))
     origin = ray_origin(row, column, shape, position_m, right, up, perspective)
     forward = ray_forward(row, column, shape, to_target, right, up, perspective)
@@ -154,16 +178,18 @@ def march_guide(
             weight = remaining * (1.0 - passed)
             if literal_weight == 1:
                 weight = remaining * sigma_t
-            for light in range(to_light.shape[0]):
-                toward = to_light[light]
-                exit_m = slab(x, toward, extent_m)[1]
-                optical_depth = float(0.0)
-                s = float(0.5 * step_m)
-                while s < exit_m:
-                    optical_depth += extinction_per_m * trilinear(density, (x + s * toward) / voxel_size_m) * step_m
-                    s += step_m
-                phase = henyey_greenstein(wp.dot(toward, forward), hg_g)
-                in_scatter[row, column, light] += wp.pi * albedo * phase * weight * wp.exp(-optical_depth)
+            if weight > SMALLEST_WEIGHT:
+                for light in range(to_light.shape[0]):
+                    toward = to_light[light]
+                    exit_m = slab(x, toward, extent_m)[1]
+                    optical_depth = float(0.0)
+                    s = float(0.5 * step_m)
+                    while s < exit_m and optical_depth < LARGEST_OPTICAL_DEPTH:
+                        rho_there = trilinear(density, (x + s * toward) / voxel_size_m)
+                        optical_depth += extinction_per_m * rho_there * step_m
+                        s += step_m
+                    phase = henyey_greenstein(wp.dot(toward, forward), hg_g)
+                    in_scatter[row, column, light] += wp.pi * albedo * phase * weight * wp.exp(-optical_depth)
             remaining *= passed
         t += step_m
     transmittance[row, column] = remaining

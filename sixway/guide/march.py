@@ -1,5 +1,6 @@
 """The guiding map: a large-step march that lights smoke from a few sides (Algorithm 1, Eq. 6)."""
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Literal, Self
 
 import numpy as np
@@ -17,6 +18,9 @@ Direction = Literal["right", "left", "top", "bottom", "front", "back"]
 
 _DEPTH_THRESHOLD = 1e-3
 """Smoke begins where density exceeds this part of the frame's maximum (the paper's tau)."""
+
+_BAND_ROWS = 8
+"""Rows that a thread takes at a time; smoke sits in the middle, so few large bands would be uneven."""
 
 _SMALLEST_DEPTH = 1e-3
 """Depth 0 means empty, so the nearest smoke keeps a value above it."""
@@ -60,12 +64,16 @@ class GuideConfig(Config):
 
 
 class GuideMarcher:
-    """Marches guides for frame after frame; one instance a medium, config and device."""
+    """Marches guides for frame after frame; one instance a medium, config and device.
 
-    def __init__(self, config: GuideConfig, medium: Medium, *, device: str) -> None:
+    threads: CPU threads; Warp runs a CPU kernel on one thread, but lets go of Python's lock meanwhile.
+    """
+
+    def __init__(self, config: GuideConfig, medium: Medium, *, device: str, threads: int = 1) -> None:
         self.config = config
         self.medium = medium
         self._device = wp.get_device(device)
+        self._threads = threads
         self._frame: DensityFrame | None = None
 
     def march(self, frame: DensityFrame, camera: Camera, *, seed: int) -> GuideMap:
@@ -78,32 +86,43 @@ class GuideMarcher:
         lights = [d for d in DIRECTIONS if d in config.lights]
         to_light = [to_light_in_world(name, camera, config.vertical) for name in lights]
         size = (camera.height_px, camera.width_px)
-        with wp.ScopedDevice(self._device):
-            in_scatter = wp.empty((*size, len(lights)), dtype=float)
-            transmittance = wp.empty(size, dtype=float)
-            depth_m = wp.empty(size, dtype=float)
+        arguments = [
+            self._density,
+            self._obstacle,
+            int(frame.obstacle is not None),
+            grid.voxel_size_m,
+            wp.vec3(grid.extent_m),
+            *camera_arguments(camera, grid),
+            wp.array(np.array(to_light, dtype=np.float32), dtype=wp.vec3, device=self._device),
+            self.medium.extinction_per_m,
+            self.medium.albedo,
+            self.medium.hg_g,
+            config.step_m(grid),
+            _DEPTH_THRESHOLD * float(frame.density.max()),
+            int(config.weight == "paper_literal"),
+            int(config.jitter),
+            wp.uint32(seed & 0xFFFFFFFF),
+        ]
+        in_scatter = wp.empty((*size, len(lights)), dtype=float, device=self._device)
+        transmittance = wp.empty(size, dtype=float, device=self._device)
+        depth_m = wp.empty(size, dtype=float, device=self._device)
+
+        def march_rows(first: int, count: int) -> None:
             wp.launch(
                 kernels.march_guide,
-                dim=size,
-                inputs=[
-                    self._density,
-                    self._obstacle,
-                    int(frame.obstacle is not None),
-                    grid.voxel_size_m,
-                    wp.vec3(grid.extent_m),
-                    *camera_arguments(camera, grid),
-                    wp.array(np.array(to_light, dtype=np.float32), dtype=wp.vec3),
-                    self.medium.extinction_per_m,
-                    self.medium.albedo,
-                    self.medium.hg_g,
-                    config.step_m(grid),
-                    _DEPTH_THRESHOLD * float(frame.density.max()),
-                    int(config.weight == "paper_literal"),
-                    int(config.jitter),
-                    wp.uint32(seed & 0xFFFFFFFF),
-                ],
+                dim=(count, size[1]),
+                inputs=[first, *arguments],
                 outputs=[in_scatter, transmittance, depth_m],
+                device=self._device,
             )
+
+        if self._device.is_cpu and self._threads > 1:
+            wp.load_module(kernels, device=self._device)  # before threads: loading is not safe from several
+            bands = [(row, min(_BAND_ROWS, size[0] - row)) for row in range(0, size[0], _BAND_ROWS)]
+            with ThreadPoolExecutor(self._threads) as pool:
+                list(pool.map(lambda band: march_rows(*band), bands))
+        else:
+            march_rows(0, size[0])
         lit = in_scatter.numpy()
         if config.sum_lights:
             lit = lit.sum(axis=-1, keepdims=True)

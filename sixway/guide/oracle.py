@@ -9,6 +9,8 @@ from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium
 from sixway.guide.march import GuideConfig, to_light_in_world
 
+SMALLEST_WEIGHT = 1e-4
+
 
 def uniform_hash(seed: int, index: np.ndarray) -> np.ndarray:
     """`kernels.uniform_hash` on arrays of indices."""
@@ -77,7 +79,8 @@ def march_guide(
                 optical_depth += np.where(s < exit_m, sigma * step, 0.0)
                 s += step
             phase = henyey_greenstein((toward_array * forward).sum(-1), medium.hg_g)
-            in_scatter[..., light] += np.pi * medium.albedo * phase * weight * np.exp(-optical_depth)
+            lit = np.where(weight > SMALLEST_WEIGHT, weight, 0.0)
+            in_scatter[..., light] += np.pi * medium.albedo * phase * lit * np.exp(-optical_depth)
         remaining = remaining * passed
         t = t + step
         alive &= t < leave

@@ -1,5 +1,7 @@
 """From smoke to lightmaps with no path tracing: march the guide that the net was trained on, then ask it."""
 
+import os
+
 from sixway.core.config import parse_config
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium, SixWayLightmap
@@ -19,7 +21,7 @@ class LightmapBaker:
         config = parse_config(GuideConfig, card.guide, source="the net's guide")
         medium = Medium(extinction_per_m=extinction_per_m, albedo=card.medium["albedo"], hg_g=card.medium["hg_g"])
         self._predictor = predictor
-        self._marcher = GuideMarcher(config, medium, device=device)
+        self._marcher = GuideMarcher(config, medium, device=device, threads=os.cpu_count() or 1)
 
     def bake(self, frame: DensityFrame, camera: Camera, *, seed: int) -> SixWayLightmap:
         """Six maps and alpha of one frame as `camera` sees it, linear, M = pi L / E."""

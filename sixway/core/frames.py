@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -32,7 +32,7 @@ class Grid:
             raise ValueError(f"grid origin {self.origin_m} must be finite")
 
     @classmethod
-    def centred(cls, shape_zyx: tuple[int, int, int], *, longest_edge_m: float = 1.0) -> Self:
+    def centred(cls, shape_zyx: tuple[int, int, int], *, longest_edge_m: float = 1.0) -> "Grid":
         """The grid of that shape whose longest edge has that length, centred on the world's origin."""
         size = longest_edge_m / max(shape_zyx)
         z, y, x = shape_zyx
@@ -100,7 +100,7 @@ class Camera:
         margin: float = 1.0,
         width_px: int = 128,
         height_px: int = 128,
-    ) -> Self:
+    ) -> "Camera":
         """A camera that frames the bounding sphere of `grid`, so no view crops the volume.
 
         At yaw 0 it stands at +z and looks along -z; yaw turns it towards +x, pitch lifts it.
@@ -171,7 +171,7 @@ class Camera:
         forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
         return np.broadcast_to(np.array(self.position_m), forward.shape).copy(), forward
 
-    def resized(self, width_px: int, height_px: int) -> Self:
+    def resized(self, width_px: int, height_px: int) -> "Camera":
         """The same view at another resolution; a different aspect widens or narrows the image."""
         return replace(self, width_px=width_px, height_px=height_px)
 

@@ -65,11 +65,6 @@ def trilinear(field: wp.array3d(dtype=float), voxel: wp.vec3) -> float:
 
 
 @wp.func
-def nearest(field: wp.array3d(dtype=float), voxel: wp.vec3) -> float:
-    return voxel_or_zero(field, int(wp.floor(voxel[2])), int(wp.floor(voxel[1])), int(wp.floor(voxel[0])))
-
-
-@wp.func
 def slab(origin: wp.vec3, forward: wp.vec3, extent: wp.vec3) -> wp.vec2:
     """Distances at which a ray enters and leaves the box [0, extent]; enters > leaves on a miss."""
     t_near = float(0.0)
@@ -167,7 +162,7 @@ def march_guide(
     while t < span[1]:
         x = origin + t * forward
         if has_obstacle == 1:
-            if nearest(obstacle, x / voxel_size_m) > 0.5:
+            if trilinear(obstacle, x / voxel_size_m) > 0.5:
                 break
         rho = trilinear(density, x / voxel_size_m)
         sigma_t = extinction_per_m * rho

@@ -62,8 +62,7 @@ def march_guide(
     while alive.any():
         x = origin + t[..., None] * forward
         if frame.obstacle is not None:
-            index = np.clip(np.floor(x / size).astype(int), 0, np.array(frame.grid.shape_zyx)[::-1] - 1)
-            alive &= frame.obstacle[index[..., 2], index[..., 1], index[..., 0]] <= 0.5
+            alive &= sample(frame.obstacle, x / size) <= 0.5
         rho = np.where(alive, sample(density, x / size), 0.0)
         sigma_t = medium.extinction_per_m * rho
         depth = np.where((rho > threshold) & np.isinf(depth), t, depth)

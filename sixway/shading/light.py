@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -29,7 +28,7 @@ class DirectionalLight:
             raise ValueError(f"light colour {self.colour} must be finite and not negative")
 
     @classmethod
-    def parse(cls, text: str) -> Self:
+    def parse(cls, text: str) -> "DirectionalLight":
         """``NAME`` or ``X:Y:Z``, then optionally ``,R,G,B``: ``right,1,0.9,0.8`` or ``1:1:0.5,2,2,2``.
 
         X:Y:Z points towards the light in the camera frame and is normalised. Raises ValueError.
@@ -46,7 +45,7 @@ class DirectionalLight:
             raise ValueError(f"light {text!r} points nowhere; give a vector that is not zero")
         return cls(to_light=(x / length, y / length, z / length), colour=(red, green, blue))
 
-    def turned(self, degrees: float) -> Self:
+    def turned(self, degrees: float) -> "DirectionalLight":
         """The light carried around the camera's up axis: from the front towards the right."""
         angle = math.radians(degrees)
         x, y, z = self.to_light

@@ -62,7 +62,7 @@ def test_rays_go_where_the_image_says(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
 @pytest.mark.parametrize("size", [(64, 64), (96, 48), (40, 80)])
 def test_no_view_crops_the_volume(kind: str, size: tuple[int, int]) -> None:
-    camera = Camera.around(GRID, yaw_deg=45, pitch_deg=35, kind=kind, width_px=size[0], height_px=size[1])
+    camera = Camera.around(GRID, yaw_deg=45.0, pitch_deg=35.0, kind=kind, width_px=size[0], height_px=size[1])
     x, y, z = GRID.extent_m
     for sx in (-0.5, 0.5):
         for sy in (-0.5, 0.5):

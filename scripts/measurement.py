@@ -1,0 +1,74 @@
+"""How every script that measures reports: rows with bounds, a table, JSON, a summary line, exit 1 on a miss."""
+
+import argparse
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from sixway.core.store import provenance, write_json
+
+
+def parser(description: str) -> argparse.ArgumentParser:
+    """The options that all of them share."""
+    options = argparse.ArgumentParser(description=description)
+    options.add_argument("--json", type=Path, help="write the rows to this file")
+    options.add_argument("--quick", action="store_true", help="small sizes, under a minute")
+    return options
+
+
+@dataclass
+class Measurement:
+    """Rows of one script. config: what was measured, in plain values."""
+
+    config: dict[str, Any]
+    repetitions: int
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    started: float = field(default_factory=time.perf_counter)
+
+    def add(self, name: str, value: float, unit: str, *, at_most: float | None = None) -> None:
+        """One row; `at_most` is its bound, without one the row only tells."""
+        ok = at_most is None or value <= at_most
+        self.rows.append({"name": name, "value": value, "unit": unit, "bound": at_most, "ok": ok})
+
+    def finish(self, json_path: Path | None) -> int:
+        """Print the table and the summary line, write the JSON; the exit status."""
+        table = Table("name", "value", "unit", "bound", "ok")
+        for row in self.rows:
+            bound = "" if row["bound"] is None else f"<= {row['bound']:g}"
+            table.add_row(row["name"], f"{row['value']:.4g}", row["unit"], bound, "ok" if row["ok"] else "MISSED")
+        Console(width=None if sys.stdout.isatty() else 120).print(table)
+        made = provenance()
+        if json_path:
+            about = {
+                "commit": made["commit"],
+                "hardware": made["hardware"],
+                "config": self.config,
+                "repetitions": self.repetitions,
+                "seconds": time.perf_counter() - self.started,
+            }
+            write_json(json_path, {"rows": self.rows, **about})
+        missed = [row["name"] for row in self.rows if not row["ok"]]
+        names = f": {', '.join(missed)}" if missed else ""
+        print(f"{len(self.rows)} rows, {len(missed)} missed{names}; {json.dumps(self.config)}")
+        return 1 if missed else 0
+
+
+def median_seconds(work: Callable[[], object], *, repetitions: int, wait: Callable[[], None]) -> float:
+    """Median time of `work` after one run that is not counted; `wait` blocks until the device is done."""
+    work()
+    wait()
+    times = []
+    for _ in range(repetitions):
+        start = time.perf_counter()
+        work()
+        wait()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)

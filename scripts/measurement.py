@@ -33,17 +33,20 @@ class Measurement:
     rows: list[dict[str, Any]] = field(default_factory=list)
     started: float = field(default_factory=time.perf_counter)
 
-    def add(self, name: str, value: float, unit: str, *, at_most: float | None = None) -> None:
-        """One row; `at_most` is its bound, without one the row only tells."""
-        ok = at_most is None or value <= at_most
-        self.rows.append({"name": name, "value": value, "unit": unit, "bound": at_most, "ok": ok})
+    def add(
+        self, name: str, value: float, unit: str, *, at_most: float | None = None, at_least: float | None = None
+    ) -> None:
+        """One row; `at_most` or `at_least` is its bound, without one the row only tells."""
+        ok = (at_most is None or value <= at_most) and (at_least is None or value >= at_least)
+        bound = f"<= {at_most:g}" if at_most is not None else f">= {at_least:g}" if at_least is not None else ""
+        self.rows.append({"name": name, "value": value, "unit": unit, "bound": bound, "ok": ok})
 
     def finish(self, json_path: Path | None) -> int:
         """Print the table and the summary line, write the JSON; the exit status."""
         table = Table("name", "value", "unit", "bound", "ok")
         for row in self.rows:
-            bound = "" if row["bound"] is None else f"<= {row['bound']:g}"
-            table.add_row(row["name"], f"{row['value']:.4g}", row["unit"], bound, "ok" if row["ok"] else "MISSED")
+            ok = "ok" if row["ok"] else "MISSED"
+            table.add_row(row["name"], f"{row['value']:.4g}", row["unit"], row["bound"], ok)
         Console(width=None if sys.stdout.isatty() else 120).print(table)
         made = provenance()
         if json_path:

@@ -1,6 +1,8 @@
 """Fixtures that every test folder shares."""
 
 import os
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,3 +37,94 @@ def real_volumes() -> Path:
     if not folder or not Path(folder).is_dir():
         pytest.skip("SIXWAY_REAL_VOLUMES names no folder with real volumes")
     return Path(folder)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_thread() -> Iterator[None]:
+    """Pictures and nets under test are tiny: one thread is faster than several, above all on a shared machine."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@dataclass(frozen=True)
+class TinyDataset:
+    """A finished dataset and the config that made it. Tests share it: whoever alters it copies it first."""
+
+    folder: Path
+    config: Path
+
+
+_SCENARIO = """\
+name: puff
+cells_xyz: [12, 12, 12]
+frames: 8
+warmup_frames: 4
+steps_per_advection: 8
+buoyancy_m_s2: 1.0
+inlets:
+  - {centre_m: [0.05, -0.5, 0.0], radius_m: 0.14, towards: [0.0, 1.0, 0.0], speed_m_s: 1.0, swirl: 0.8, turbulence: 0.4}
+"""
+
+_DATASET = """\
+name: test_tiny
+seed: 3
+simulations:
+  - {name: jet, split: train, scenario: puff.yaml, set: [seed=1]}
+  - {name: jet_val, split: val, scenario: puff.yaml, set: [seed=2]}
+  - {name: jet_test, split: test, scenario: puff.yaml, set: [seed=3]}
+pairs_per_simulation: 2
+views: {yaws_deg: [0, 30], margin: 0.75, width_px: 24, height_px: 20}
+medium: {extinction_per_m: 40.0}
+guides:
+  six: {lights: [right, left, top, bottom, front, back], sum_lights: false}
+  paper: {lights: [front, top, bottom], sum_lights: true}
+reference: {samples: 1}
+"""
+
+_TRAINING = """\
+data: %s
+guide: six
+net: {widths: [8, 12], adapter_width: 8, adapter_blocks: 1}
+train: {steps: 30, pairs_per_batch: 2, lr: 2e-3, warmup_steps: 5, ema: 0.9, log_every: 5, validate_every: 15}
+"""
+
+
+@pytest.fixture(scope="session")
+def tiny_dataset(tmp_path_factory: pytest.TempPathFactory) -> TinyDataset:
+    """Three simulations (train, val, test) of four frames and two views, 24 x 20 px, by the real pipeline."""
+    from sixway.generation.command import main
+
+    home = tmp_path_factory.mktemp("tiny")
+    (home / "puff.yaml").write_text(_SCENARIO)
+    (home / "tiny.yaml").write_text(_DATASET)
+    arguments = [str(home / "tiny.yaml"), "--out", str(home / "data"), "--workers", "1", "--no-estimate"]
+    assert main(arguments) == 0
+    return TinyDataset(folder=home / "data", config=home / "tiny.yaml")
+
+
+@pytest.fixture(scope="session")
+def trained_run(tiny_dataset: TinyDataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run of 30 steps on the tiny dataset; `train.yaml` beside it is its config."""
+    from sixway.train import main
+
+    home = tmp_path_factory.mktemp("run")
+    (home / "train.yaml").write_text(_TRAINING % tiny_dataset.folder)
+    assert main([str(home / "train.yaml"), "--run-dir", str(home / "run")]) == 0
+    return home / "run"
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Seconds of each test folder, so that a slow room shows."""
+    seconds: dict[str, float] = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                folder = str(Path(report.nodeid.partition("::")[0]).parent)
+                seconds[folder] = seconds.get(folder, 0.0) + report.duration
+    terminalreporter.section("time of each test folder")
+    for folder, spent in sorted(seconds.items(), key=lambda item: -item[1]):
+        terminalreporter.write_line(f"{spent:7.1f} s  {folder}")

@@ -18,7 +18,7 @@ from sixway.core.store import content_hash, read_json, write_json
 from sixway.core.video import write_video
 from sixway.inference.bake import LightmapBaker
 from sixway.inference.predict import load_predictor
-from sixway.inference.sequence import Path1D, Shot, render
+from sixway.inference.sequence import Path1D, Shot, camera_of, render
 from sixway.shading.compose import BlendRule
 from sixway.shading.light import DirectionalLight
 from sixway.volumes.extinction import DEFAULT_OPTICAL_DEPTH, extinction_for_optical_depth
@@ -105,13 +105,19 @@ def _run(options: argparse.Namespace) -> int:
         raise ValueError(
             f"--output {options.output}: {shot.num_pictures} pictures need a folder or a .mp4, not one .png"
         )
+    if suffix == ".mp4" and min(width, height) < 2:
+        raise ValueError(f"--size {width}x{height}: a video needs sides of at least 2 px")
+    for number in (0, shot.num_pictures - 1):
+        camera_of(shot, first, number)  # a view that cannot be is told of before anything is rendered
     if options.dry_run:
         print(f"dry run: nothing was written to {options.output}")
         return 0
     baker = LightmapBaker(predictor, extinction_per_m=extinction, device=options.device)
     numbers = list(range(shot.num_pictures))
     if suffix == "":
-        _write_folder(options.output, shot, baker, made_by=content_hash([repr(asdict(shot)), extinction, repr(card)]))
+        files = [(stat.st_size, stat.st_mtime_ns) for stat in (path.stat() for path in volumes)]
+        made_by = content_hash([repr(asdict(shot)), files, extinction, repr(card)])
+        _write_folder(options.output, shot, baker, made_by=made_by)
     else:
         pictures = track(render(shot, baker, numbers), total=len(numbers), label="relight")
         if suffix == ".png":
@@ -127,10 +133,13 @@ def _run(options: argparse.Namespace) -> int:
 def _write_folder(folder: Path, shot: Shot, baker: LightmapBaker, *, made_by: str) -> None:
     """Numbered PNGs; the same command again makes only those that are missing."""
     record = folder / "relight.json"
-    same = record.is_file() and read_json(record).get("made_by") == made_by
     paths = {number: folder / f"picture_{number:04d}.png" for number in range(shot.num_pictures)}
-    missing = [number for number, path in paths.items() if not (same and path.is_file())]
-    write_json(record, {"made_by": made_by})
+    if not (record.is_file() and read_json(record).get("made_by") == made_by):
+        # before the record: a kill in between must not pass another command's pictures off as this one's
+        for stale in folder.glob("picture_[0-9]*.png") if record.is_file() else paths.values():
+            stale.unlink(missing_ok=True)
+        write_json(record, {"made_by": made_by})
+    missing = [number for number, path in paths.items() if not path.is_file()]
     for number, picture in track(render(shot, baker, missing), total=len(missing), label="relight"):
         write_png(paths[number], picture)
 
@@ -138,12 +147,13 @@ def _write_folder(folder: Path, shot: Shot, baker: LightmapBaker, *, made_by: st
 def _shot(options: argparse.Namespace, volumes: list[Path], width: int, height: int, *, exposure: float) -> Shot:
     yaw, pitch, turn = (Path1D.parse(t) for t in (options.camera_yaw, options.camera_pitch, options.turn_lights))
     moves = yaw.moves or pitch.moves or turn.moves
-    count = len(volumes) if len(volumes) > 1 else (options.pictures or (_PATH_PICTURES if moves else 1))
+    count = options.pictures if options.pictures is not None else (_PATH_PICTURES if moves else 1)
     if count < 1:
         raise ValueError(f"--pictures {count} must be at least 1")
-    background = [float(v) for v in options.background.split(",")]
-    if len(background) != 3:
-        raise ValueError(f"--background {options.background} is not R,G,B")
+    if len(volumes) > 1:
+        if options.pictures is not None:
+            raise ValueError(f"--pictures {count}: {len(volumes)} volumes make one picture each; leave it out")
+        count = len(volumes)
     return Shot(
         volumes=tuple(volumes),
         num_pictures=count,
@@ -155,11 +165,21 @@ def _shot(options: argparse.Namespace, volumes: list[Path], width: int, height: 
         lights=tuple(DirectionalLight.parse(text) for text in options.light or ["right"]),
         rule=options.blend,
         exposure=exposure,
-        background=(background[0], background[1], background[2]),
+        background=_rgb(options.background),
         width_px=width,
         height_px=height,
         margin=options.margin,
     )
+
+
+def _rgb(text: str) -> tuple[float, float, float]:
+    try:
+        red, green, blue = (float(value) for value in text.split(","))
+    except ValueError as error:
+        raise ValueError(f"--background {text!r} is not R,G,B") from error
+    if not all(0.0 <= value < float("inf") for value in (red, green, blue)):
+        raise ValueError(f"--background {text!r} must be finite and not negative")
+    return (red, green, blue)
 
 
 def _slice(volumes: list[Path], frames: str | None) -> list[Path]:

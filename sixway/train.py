@@ -5,6 +5,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import torch
+
 from sixway.core.config import dump_config, load_config
 from sixway.data.dataset import SmokeDataset
 from sixway.models.unet import SixWayUNet
@@ -31,6 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.dry_run:
             print(_plan(config))
             return 0
+        if options.device.startswith("cuda") and not torch.cuda.is_available():
+            raise ValueError(f"--device {options.device}: torch sees no CUDA device here; ask python -m sixway.doctor")
         train(config, run_dir=options.run_dir, device=options.device)
     except Interrupted as stop:
         print(stop, file=sys.stderr)

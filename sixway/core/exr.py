@@ -5,6 +5,8 @@ of one value. OpenEXR's Python reader drops a part whose pixels are corrupt with
 read is compared with what the header promised.
 """
 
+import errno
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -41,7 +43,12 @@ def write_exr(
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **(attributes or {})}
     planes = {f"{name}.V": np.ascontiguousarray(half[..., i]) for i, name in enumerate(channels)}
     with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
-        file.write(str(temporary))
+        try:
+            file.write(str(temporary))
+        except RuntimeError as error:  # OpenEXR tells a full disk in words only
+            if os.strerror(errno.ENOSPC) in str(error):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
+            raise
 
 
 def read_exr(

@@ -4,6 +4,8 @@ A horizontal flip exchanges left and right, a vertical one top and bottom, in gu
 the sum of front, top and bottom light stays. A quarter turn is no symmetry of that guide.
 """
 
+from collections.abc import Collection
+
 from jaxtyping import Float
 from torch import Tensor
 
@@ -21,6 +23,16 @@ def flip_channels(channels: tuple[str, ...], exchange: dict[str, str]) -> list[i
     if missing:
         raise ValueError(f"channels {channels} cannot be flipped: {missing} are absent; switch flips off")
     return [channels.index(name) for name in partners]
+
+
+def check_summed_lights(lights: Collection[str]) -> None:
+    """Raise ValueError unless a sum over these lights stays what it is when the picture is flipped."""
+    partners = {exchange.get(light, light) for light in lights for exchange in (FLIP_HORIZONTAL, FLIP_VERTICAL)}
+    missing = sorted(partners - set(lights))
+    if missing:
+        raise ValueError(
+            f"a guide that sums the lights {tuple(lights)} cannot be flipped: {missing} are absent; switch flips off"
+        )
 
 
 def flip_image(

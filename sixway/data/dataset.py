@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from sixway.core.conventions import LIGHTMAP_CHANNELS
-from sixway.core.store import inside, sha256_file
-from sixway.data.augment import flip_pair
+from sixway.core.store import content_hash, inside, sha256_file
+from sixway.data.augment import check_summed_lights, flip_pair
 from sixway.data.clips import Batch
 from sixway.data.manifest import Group, Manifest, PackedArray, Split, read_manifest
 
@@ -23,6 +23,7 @@ class SmokeDataset:
         if guide not in self.manifest.guides:
             known = ", ".join(sorted(self.manifest.guides))
             raise ValueError(f"{folder}: no guide variant {guide!r}; this dataset has: {known}")
+        self.guide = guide
         self.groups = self.manifest.split(split)
         name = f"guide_{guide}"
         self._guides = [_open(folder, group, group.arrays[name]) for group in self.groups]
@@ -40,8 +41,19 @@ class SmokeDataset:
     def has_emissive(self) -> bool:
         return "emissive" in self.target_channels
 
+    @property
+    def identity(self) -> str:
+        """Hash of all that a net sees of this split: pixels and brightness scale."""
+        names = (f"guide_{self.guide}", "target")
+        return content_hash([self.manifest.scale, [group.arrays[n].sha256 for group in self.groups for n in names]])
+
     def batch(self, rng: np.random.Generator, *, num_pairs: int, flip: bool) -> Batch:
-        """Pairs drawn with replacement from one image size, each flipped by chance."""
+        """Pairs drawn with replacement from one image size, each flipped by chance.
+
+        Raises ValueError if flips are asked for and this guide has no such symmetry.
+        """
+        if flip and self.guide_config["sum_lights"]:
+            check_summed_lights(self.guide_config["lights"])
         sizes = np.array([len(group.samples) for group in self.groups], dtype=np.float64)
         which = int(rng.choice(len(sizes), p=sizes / sizes.sum()))
         rows = rng.integers(len(self.groups[which].samples) // 2, size=num_pairs)

@@ -7,7 +7,7 @@ to [0, 1]) under a fixed list of lights. Data range 1 everywhere.
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -39,6 +39,7 @@ TEST_LIGHTS: dict[str, tuple[DirectionalLight, ...]] = {
 """The fixed light set of the shaded scores and of the contact sheet; camera frame."""
 
 
+@runtime_checkable
 class Answers(Protocol):
     """A net, an ONNX file, or a floor."""
 
@@ -169,14 +170,17 @@ def summarise(rows: list[FrameScores]) -> dict[str, Any]:
     by_simulation = {
         name: summarise_psnr([r.maps for r in rows if r.simulation == name]).psnr_of_mean_mse_db for name in simulations
     }
-    perceived = sorted({key for r in rows for key in r.perceived})
+    per_map = {name: summarise_psnr([r.per_map[name] for r in rows]).psnr_of_mean_mse_db for name in DIRECTIONS}
+    perceived: dict[str, list[float]] = {}
+    for r in rows:
+        for key, value in r.perceived.items():
+            if math.isfinite(value):  # a frame without smoke has no temporal error
+                perceived.setdefault(key, []).append(value)
     return {
         "psnr": psnr,
-        "per_map_psnr_db": {
-            name: summarise_psnr([r.per_map[name] for r in rows]).psnr_of_mean_mse_db for name in DIRECTIONS
-        },
-        "perceived": {key: float(np.mean([r.perceived[key] for r in rows if key in r.perceived])) for key in perceived},
-        "maps_psnr_by_simulation_db": by_simulation,
+        "per_map_psnr_db": _plain(per_map),
+        "perceived": {key: float(np.mean(perceived[key])) for key in sorted(perceived)},
+        "maps_psnr_by_simulation_db": _plain(by_simulation),
         "worst_simulation": min(by_simulation, key=lambda name: by_simulation[name]),
     }
 

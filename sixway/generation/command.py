@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None, *, only: Sequence[str] = STAGES
     parser.add_argument("--out", type=Path, required=True, help="dataset folder")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     parser.add_argument("--workers", type=int, default=2, help="processes for simulate and march_guides (default: 2)")
-    parser.add_argument("--shard", type=Shard.parse, help="make share I/N only, for one job of a cluster")
+    parser.add_argument("--shard", metavar="I/N", help="make share I/N only, for one job of a cluster")
     parser.add_argument("--dry-run", action="store_true", help="print plan and cost, make nothing")
     parser.add_argument("--no-estimate", action="store_true", help="skip the two-frame probe")
     options = parser.parse_intermixed_args(arguments)
@@ -47,6 +47,9 @@ def main(arguments: Sequence[str] | None = None, *, only: Sequence[str] = STAGES
 def _run(options: argparse.Namespace, only: Sequence[str]) -> int:
     if options.workers < 1:
         raise ValueError(f"--workers {options.workers} must be at least 1")
+    shard = None if options.shard is None else Shard.parse(options.shard)
+    if shard and len(only) > 1:
+        raise ValueError("--shard shares one stage: use its own driver, such as data_gen/trace_references.py")
     plan = Plan.read(options.config, tuple(options.overrides))
     job = Generation(plan=plan, out=options.out, device=options.device)
     print(_summary(plan))
@@ -63,14 +66,14 @@ def _run(options: argparse.Namespace, only: Sequence[str]) -> int:
         return 0
     for stage in only:
         match stage:
-            case "simulate" | "march_guides" | "trace_references" if options.shard:
+            case "simulate" | "march_guides" | "trace_references" if shard:
                 work = {
                     "simulate": stages.simulate_shard,
                     "march_guides": stages.march_shard,
                     "trace_references": stages.trace_shard,
                 }[stage]
-                made = sum(1 for _ in work(job, options.shard))
-                print(f"{stage}: shard {options.shard.index}/{options.shard.count} made {made} frames")
+                made = sum(1 for _ in work(job, shard))
+                print(f"{stage}: shard {shard.index}/{shard.count} made {made} frames")
             case "simulate":
                 stages.simulate(job, workers=options.workers)
             case "march_guides":

@@ -25,7 +25,7 @@ def reference_noise_psnr_db(job: Generation, *, scale: float) -> float | None:
         return None
     rows = rows[:: max(1, len(rows) // _PROBES)][:_PROBES]
     kept = job.store(job.plan.target(rows[0][0], rows[0][1])).path / "noise.json"
-    names = [[s.name, v.name, f] for s, v, f in rows]
+    names = [[job.plan.target(s, v).path, f] for s, v, f in rows]
     if kept.is_file() and (known := read_json(kept))["rows"] == names:
         linear_mse = np.array(known["mse_by_scale"].get(f"{scale:.6g}", np.nan))
         if np.isfinite(linear_mse):

@@ -10,8 +10,17 @@ import numpy as np
 from sixway.core.conventions import DIRECTIONS
 from sixway.core.exr import read_exr
 from sixway.core.progress import track
-from sixway.core.store import atomic_path, content_hash, provenance, sha256_file, write_text
+from sixway.core.store import (
+    append_json_line,
+    atomic_path,
+    content_hash,
+    provenance,
+    read_json_lines,
+    sha256_file,
+    write_text,
+)
 from sixway.data.manifest import MANIFEST, Group, Manifest, PackedArray, Sample, Split
+from sixway.generation.jobs import INDEX
 from sixway.generation.noise import reference_noise_psnr_db
 from sixway.generation.plan import Folder, Simulation, View
 from sixway.generation.stages import FLOW_CHANNELS, TARGET_CHANNELS, Generation
@@ -93,24 +102,29 @@ def _recorded(job: Generation, folder: Folder, frame: int) -> tuple[Path, str]:
 def _pack_array(
     job: Generation, layer: str, split: Split, files: list[tuple[Path, str]], channels: tuple[str, ...], camera: Any
 ) -> PackedArray:
-    """Stack EXR frames into one float16 .npy [n, c, h, w], named by the hashes of what went in."""
+    """Stack EXR frames into one float16 .npy [n, c, h, w], named by the hashes of what went in.
+
+    A finished array is recorded with its own hash; one that differs from its record is packed anew.
+    """
     name = f"{split}_{camera.width_px}x{camera.height_px}_{layer}"
     key = content_hash([digest for _, digest in files])
     path = job.out / "packed" / f"{name}_{key}.npy"
-    if not path.is_file():
+    recorded = {record["file"]: record["sha256"] for record in read_json_lines(path.parent / INDEX)}
+    if not path.is_file() or sha256_file(path) != recorded.get(path.name):
         shape = (len(files), len(channels), camera.height_px, camera.width_px)
-        with atomic_path(path) as temporary:
-            array = np.lib.format.open_memmap(temporary, mode="w+", dtype=np.float16, shape=shape)
-            for row, (frame, digest) in enumerate(track(files, total=len(files), label=f"pack {name}")):
+        header = {"descr": "<f2", "fortran_order": False, "shape": shape}
+        # written, not memory-mapped: a full disk is an error here and kills the process there
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            np.lib.format.write_array_header_1_0(file, header)
+            for frame, digest in track(files, total=len(files), label=f"pack {name}"):
                 if sha256_file(frame) != digest:
                     raise ValueError(
                         f"{frame}: its hash differs from the one recorded when it was made; delete the file and "
                         "run the generation command again"
                     )
                 image = read_exr(frame, channels, (camera.height_px, camera.width_px))
-                array[row] = np.moveaxis(image, -1, 0)
-            array.flush()
-            del array
+                file.write(np.moveaxis(image, -1, 0).astype("<f2").tobytes())
+        append_json_line(path.parent / INDEX, {"file": path.name, "sha256": sha256_file(path)})
         for old in path.parent.glob(f"{name}_*.npy"):
             if old != path and len(old.stem) == len(path.stem):
                 old.unlink()

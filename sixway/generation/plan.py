@@ -43,6 +43,13 @@ class ViewsConfig(Config):
     width_px: int = Field(default=64, ge=8, le=4096)
     height_px: int = Field(default=64, ge=8, le=4096)
 
+    @model_validator(mode="after")
+    def _angles_once(self) -> Self:
+        for name, angles in (("yaws_deg", self.yaws_deg), ("pitches_deg", self.pitches_deg)):
+            if len({f"{angle:+g}" for angle in angles}) != len(angles):
+                raise ValueError(f"{name} {angles} names an angle twice; list each once")
+        return self
+
 
 class MediumConfig(Config):
     """How the smoke meets light; see `core.records.Medium`."""

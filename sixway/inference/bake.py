@@ -13,12 +13,15 @@ class LightmapBaker:
     """Predicts lightmaps for frame after frame of one kind of smoke.
 
     extinction_per_m: how dense the smoke is to be; albedo and anisotropy are those of the training.
-    Raises ConfigError if the net's guide cannot be marched by this version.
+    Raises ConfigError if the net's guide cannot be marched by this version, ValueError if its card is incomplete.
     """
 
     def __init__(self, predictor: Predictor, *, extinction_per_m: float, device: str) -> None:
         card = predictor.card
         config = parse_config(GuideConfig, card.guide, source="the net's guide")
+        missing = {"albedo", "hg_g"} - card.medium.keys()
+        if missing:
+            raise ValueError(f"the net's card does not tell the medium's {sorted(missing)}; export or train it again")
         medium = Medium(extinction_per_m=extinction_per_m, albedo=card.medium["albedo"], hg_g=card.medium["hg_g"])
         self._predictor = predictor
         self._marcher = GuideMarcher(config, medium, device=device, threads=os.cpu_count() or 1)

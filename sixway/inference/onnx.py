@@ -6,6 +6,7 @@ cannot fetch weights from a second file. What is written here is checked against
 
 import tempfile
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -121,9 +122,19 @@ def read_onnx(path: Path) -> tuple[bytes, NetCard]:
         model = onnx.load_from_string(data)
     except Exception as error:  # protobuf raises DecodeError of several classes
         raise ValueError(f"{path}: not a readable ONNX file ({error}); {ours}") from error
-    if any(tensor.data_location == onnx.TensorProto.EXTERNAL for tensor in model.graph.initializer):
+    if any(tensor.data_location == onnx.TensorProto.EXTERNAL for tensor in _tensors(model.graph)):
         raise ValueError(f"{path}: keeps weights in another file, which is refused; {ours}")
     entries = {entry.key: entry.value for entry in model.metadata_props}
     if METADATA_KEY not in entries:
         raise ValueError(f"{path}: an ONNX file without sixway metadata, so its channels are unknown; {ours}")
     return data, read_card(entries[METADATA_KEY], source=str(path))
+
+
+def _tensors(graph: onnx.GraphProto) -> Iterator[onnx.TensorProto]:
+    """Every constant of a graph, those inside its nodes too."""
+    yield from graph.initializer
+    for node in graph.node:
+        for attribute in node.attribute:
+            yield from (attribute.t, *attribute.tensors)
+            for inner in (*([attribute.g] if attribute.HasField("g") else []), *attribute.graphs):
+                yield from _tensors(inner)

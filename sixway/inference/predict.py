@@ -1,7 +1,7 @@
 """Guide in, six-way lightmap out, by a run's weights or by an exported ONNX file: the caller cannot tell."""
 
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import onnxruntime
@@ -16,6 +16,7 @@ from sixway.models.encoding import decode_lightmap
 from sixway.models.unet import SixWayUNet
 
 
+@runtime_checkable
 class Predictor(Protocol):
     """Something that answers a guide in the net's own encoding, and the card that says what that means."""
 
@@ -31,7 +32,11 @@ class TorchPredictor:
 
     def __init__(self, net: SixWayUNet, card: NetCard, *, device: str) -> None:
         self.card = card
-        self._net = net.to(device).eval()
+        try:
+            self._net = net.to(device).eval()
+        except (RuntimeError, AssertionError) as error:  # torch without CUDA asserts
+            reason = str(error).splitlines()[0]
+            raise ValueError(f"--device {device}: torch cannot use it ({reason}); use cpu, or cuda on a GPU") from error
         self._device = device
 
     @torch.inference_mode()
@@ -48,7 +53,15 @@ class OnnxPredictor:
         wanted = "CUDAExecutionProvider" if device.startswith("cuda") else "CPUExecutionProvider"
         if wanted not in onnxruntime.get_available_providers():
             raise ValueError(f"--device {device}: ONNX Runtime has no {wanted}; install onnxruntime-gpu or use cpu")
-        self._session = onnxruntime.InferenceSession(data, providers=[wanted])
+        try:
+            self._session = onnxruntime.InferenceSession(data, providers=[wanted])
+        except Exception as error:  # ONNX Runtime's own errors share no base class
+            raise ValueError(f"{path}: ONNX Runtime refuses it ({error}); export the run again") from error
+        channels, size = self.card.guide_channels, (self.card.height_px, self.card.width_px)
+        inputs = [(put.name, put.shape) for put in self._session.get_inputs()]
+        outputs = [put.shape for put in self._session.get_outputs()]
+        if inputs != [("guide", [1, len(channels), *size])] or outputs != [[1, len(LIGHTMAP_CHANNELS), *size]]:
+            raise ValueError(f"{path}: {inputs} -> {outputs} is not what its card says; export the run again")
         self._path = path
 
     def encoded(self, guide: Float[np.ndarray, "n g h w"]) -> Float[np.ndarray, "n 8 h w"]:

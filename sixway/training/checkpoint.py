@@ -1,8 +1,8 @@
 """Training state that survives a kill: written whole, the one before kept, loaded without pickles."""
 
 import os
-import pickle
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,8 @@ def save_checkpoint(run_dir: Path, state: dict[str, Any]) -> None:
             os.replace(run_dir / LATEST, run_dir / PREVIOUS)
 
 
-def load_checkpoint(run_dir: Path, *, device: str) -> dict[str, Any] | None:
-    """The newest readable state, or None for a fresh run.
+def load_checkpoint(run_dir: Path) -> dict[str, Any] | None:
+    """The newest readable state, on the CPU, or None for a fresh run.
 
     A damaged file is told of on standard error and the previous one is used. Raises ValueError if
     files exist and none can be read: nothing is thrown away silently.
@@ -33,9 +33,10 @@ def load_checkpoint(run_dir: Path, *, device: str) -> dict[str, Any] | None:
         if not path.is_file():
             continue
         try:
-            state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
-        except (RuntimeError, EOFError, OSError, pickle.UnpicklingError, ValueError) as error:
-            faults.append(f"{path}: damaged checkpoint ({str(error).splitlines()[0]})")
+            state = _read(path)
+        except Exception as error:  # zip, pickle and torch raise all kinds of errors on junk
+            reason = (str(error) or type(error).__name__).splitlines()[0]
+            faults.append(f"{path}: damaged checkpoint ({reason})")
             continue
         for fault in faults:
             print(f"{fault}; continuing from {path.name}, step {state['step']}", file=sys.stderr)
@@ -43,3 +44,14 @@ def load_checkpoint(run_dir: Path, *, device: str) -> dict[str, Any] | None:
     if faults:
         raise ValueError("; ".join(faults) + "; delete these files to train from the start")
     return None
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """One state; raises whatever the damage leads to."""
+    with zipfile.ZipFile(path) as archive:  # torch writes checksums and does not look at them
+        if (damaged := archive.testzip()) is not None:
+            raise ValueError(f"the checksum of {damaged} differs")
+    state = torch.load(path, map_location="cpu", weights_only=True)
+    if not isinstance(state, dict) or not isinstance(state.get("step"), int):
+        raise ValueError("it holds no training state")
+    return state

@@ -2,7 +2,7 @@
 
 import math
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +13,7 @@ from pydantic import Field
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
-from sixway.core.config import Config, dump_config
+from sixway.core.config import Config, dump_config, load_config
 from sixway.core.conventions import DIRECTIONS
 from sixway.core.progress import track
 from sixway.core.store import provenance, sha256_file, write_json, write_text
@@ -82,25 +82,31 @@ def train(config: TrainConfig, *, run_dir: Path, device: str) -> None:
         if ranks.is_first:
             _claim(run_dir, config)
         run = Run(config, dataset, device=own_device, ranks=ranks)
-        start = run.resume(load_checkpoint(run_dir, device=own_device))
+        start = run.resume(load_checkpoint(run_dir))
         log = MetricsLog(run_dir, from_step=start) if ranks.is_first else None
         if log and start == 0:
             write_json(run_dir / "run.json", {"provenance": provenance(), "loss": run.loss.describe()})
 
-        steps = range(start, config.train.steps)
-        for step in track(steps, total=config.train.steps, label="train", start=start) if ranks.is_first else steps:
+        settings = config.train
+        steps = range(start, settings.steps)
+        for step in track(steps, total=settings.steps, label="train", start=start) if ranks.is_first else steps:
             terms = run.step(step)
-            done = step + 1
-            if log and done % config.train.log_every == 0:
-                log.write(step, lr=run.rate(step), **_finite(terms, step))
-            if log and (done % config.train.validate_every == 0 or done == config.train.steps):
-                log.write(step, validation_psnr_db=run.validate(validation))
-            if ranks.is_first and (done % config.train.checkpoint_every == 0 or asked_to_stop):
-                save_checkpoint(run_dir, run.state(done))
-            if asked_to_stop:
+            done, stopping = step + 1, bool(asked_to_stop)
+            if log:
+                is_last = done == settings.steps
+                logs = done % settings.log_every == 0
+                validates = is_last or done % settings.validate_every == 0
+                saves = is_last or stopping or done % settings.checkpoint_every == 0
+                finite = _finite(terms, step) if logs or validates or saves else {}
+                if logs:
+                    log.write(step, lr=run.rate(step), **finite)
+                if validates:
+                    log.write(step, validation_psnr_db=run.validate(validation))
+                if saves:
+                    save_checkpoint(run_dir, run.state(done))
+            if stopping:
                 raise Interrupted(f"stopped after step {done}; the same command continues from there")
         if ranks.is_first:
-            save_checkpoint(run_dir, run.state(config.train.steps))
             run.net.load_state_dict(run.averaged.module.state_dict())
             save_net(run_dir, run.net, run.card())
 
@@ -163,15 +169,21 @@ class Run:
         """All that the next step depends on: randomness is a function of the step itself."""
         return {
             "step": step,
+            "dataset": self.dataset.identity,
             "net": self.net.state_dict(),
             "averaged": self.averaged.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
 
     def resume(self, state: dict[str, Any] | None) -> int:
-        """Take up a checkpoint; the step to continue with. Raises ValueError if it is of another net."""
+        """Take up a checkpoint; the step to continue with. Raises ValueError if it is of another net or dataset."""
         if state is None:
             return 0
+        if state.get("dataset") != self.dataset.identity:
+            raise ValueError(
+                f"{self.config.data}: is not the dataset that this run began with (its frames or its brightness "
+                "scale changed); use another --run-dir"
+            )
         try:
             self.net.load_state_dict(state["net"])
             self.averaged.load_state_dict(state["averaged"])
@@ -236,15 +248,22 @@ def _finite(terms: dict[str, Tensor], step: int) -> dict[str, float]:
 
 def _claim(run_dir: Path, config: TrainConfig) -> None:
     """Mark a fresh folder as this run's; refuse a folder that holds another run."""
-    text = dump_config(config)
     path = run_dir / CONFIG
     if not path.is_file():
-        write_text(path, text)
+        write_text(path, dump_config(config))
         return
-    old, new = path.read_text().splitlines(), text.splitlines()
-    if old != new:
-        changed = sorted({line.strip() for line in new} ^ {line.strip() for line in old})
+    old, new = (_flat(settings.model_dump(mode="json")) for settings in (load_config(TrainConfig, path), config))
+    changed = [f"{key}: {old[key]} there, {new[key]} here" for key in new if old[key] != new[key]]
+    if changed:
         raise ValueError(
-            f"{run_dir}: holds a run of another config (differs in: {'; '.join(changed[:6])}); "
+            f"{run_dir}: holds a run of another config ({'; '.join(changed)}); "
             "use another --run-dir, or the old settings"
         )
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """``{"a": {"b": 1}}`` as ``{"a.b": 1}``."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+    return flat

@@ -57,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
         "--light 0:1:0.3,0.2,0.3,0.5 --camera-yaw 0:90 -o turn.mp4",
     )
     add = parser.add_argument
-    add("volume", help=".nvdb, .vol or .npz file, a folder, or a pattern (quoted)")
+    add("volume", help=".vdb, .nvdb, .vol, .npz, .npy or .pbrt file, a folder, or a pattern (quoted)")
     add("--checkpoint", type=Path, required=True, help="run folder or exported .onnx file")
     add("-o", "--output", type=Path, required=True, help="out.png, out.mp4, or a folder of PNGs")
     add("--light", action="append", help="NAME[,R,G,B] or X:Y:Z[,R,G,B]; may be repeated (default: right)")

@@ -1,6 +1,8 @@
-"""Our own density frames as .npz: what the simulator writes and what a NumPy user has at hand."""
+"""NumPy files: our own density frames as .npz, which the simulator writes, and a plain array as .npy."""
 
+import math
 import struct
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -10,7 +12,7 @@ import numpy as np
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
 from sixway.core.store import atomic_path
-from sixway.volumes.limits import LARGEST_FILE_BYTES, VolumeError, check_size
+from sixway.volumes.limits import LARGEST_FILE_BYTES, VolumeError, check_size, checked_density
 
 # What zipfile and NumPy raise on damaged archives: bad bytes, bad lengths, flags of encryption or unknown methods
 _DAMAGE = (
@@ -18,6 +20,9 @@ _DAMAGE = (
     ValueError,
     EOFError,
     KeyError,
+    SyntaxError,
+    tokenize.TokenError,
+    TypeError,
     RuntimeError,
     struct.error,
     zlib.error,
@@ -61,26 +66,61 @@ def read_npz(path: Path) -> DensityFrame:
     density = held.get("density")
     if density is None or density.ndim != 3:
         raise VolumeError(f"{path}: needs a 3D array 'density' [z, y, x]; it holds {sorted(held)}")
-    z, y, x = density.shape
-    check_size(str(path), (z, y, x))
-    if "voxel_size_m" in held:
-        grid = Grid(
-            shape_zyx=(z, y, x),
-            voxel_size_m=float(held["voxel_size_m"]),
-            origin_m=tuple(float(v) for v in held.get("origin_m", (0.0, 0.0, 0.0))),  # type: ignore[arg-type]
-        )
-    else:
-        grid = Grid.centred((z, y, x))
     try:
+        smoke = _density(path, density)
+        z, y, x = smoke.shape
+        if "voxel_size_m" in held:
+            grid = Grid(
+                shape_zyx=(z, y, x),
+                voxel_size_m=float(held["voxel_size_m"]),
+                origin_m=tuple(float(v) for v in held.get("origin_m", (0.0, 0.0, 0.0))),  # type: ignore[arg-type]
+            )
+        else:
+            grid = Grid.centred((z, y, x))
         return DensityFrame(
-            density=density.astype(np.float32),
+            density=smoke,
             grid=grid,
             time_s=float(held.get("time_s", 0.0)),
             velocity_m_s=_optional(held.get("velocity_m_s")),
             obstacle=_optional(held.get("obstacle")),
         )
-    except ValueError as error:
+    except VolumeError:
+        raise
+    except (ValueError, TypeError) as error:
         raise VolumeError(f"{path}: {error}") from error
+
+
+def read_npy(path: Path) -> DensityFrame:
+    """Read one 3D array [z, y, x] of numbers, 1 m along its longest edge. Raises VolumeError."""
+    try:
+        with path.open("rb") as file:
+            version = np.lib.format.read_magic(file)
+            read_header = (
+                np.lib.format.read_array_header_1_0 if version[0] == 1 else np.lib.format.read_array_header_2_0
+            )
+            shape, _, kind = read_header(file)
+            due = math.prod(shape) * kind.itemsize  # judged before NumPy gives memory for what the header promises
+            if due > path.stat().st_size - file.tell():
+                raise VolumeError(f"{path}: truncated (its header tells of {due} bytes); write it again")
+        density = np.load(path, allow_pickle=False)
+    except VolumeError:
+        raise
+    except _DAMAGE as error:
+        raise VolumeError(f"{path}: not a readable .npy of a plain array ({error}); write it again") from error
+    if density.ndim != 3:
+        raise VolumeError(f"{path}: needs a 3D array [z, y, x]; its shape is {density.shape}")
+    smoke = _density(path, density)
+    z, y, x = smoke.shape
+    return DensityFrame(density=smoke, grid=Grid.centred((z, y, x)))
+
+
+def _density(path: Path, density: np.ndarray) -> np.ndarray:
+    z, y, x = density.shape
+    check_size(str(path), (z, y, x))
+    if density.dtype.kind not in "fiub":
+        raise VolumeError(f"{path}: density holds {density.dtype}, not real numbers; convert it to float32")
+    with np.errstate(over="ignore", invalid="ignore"):
+        return checked_density(str(path), np.ascontiguousarray(density, dtype=np.float32))
 
 
 def _optional(array: np.ndarray | None) -> np.ndarray | None:

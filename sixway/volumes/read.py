@@ -9,30 +9,66 @@ import numpy as np
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
 from sixway.volumes.limits import VolumeError
-from sixway.volumes.nanovdb import read_nanovdb
-from sixway.volumes.npz import read_npz
+from sixway.volumes.listing import GridInfo
+from sixway.volumes.nanovdb import list_nanovdb, read_nanovdb
+from sixway.volumes.npz import read_npy, read_npz
+from sixway.volumes.pbrt import read_pbrt
+from sixway.volumes.vdb import list_vdb, read_vdb
 from sixway.volumes.vol import read_vol
 
 Up = Literal["y", "z"]
+READABLE = (".vdb", ".nvdb", ".vol", ".npz", ".npy", ".pbrt")
 
 
-def read_volume(path: Path, *, up: Up = "y", grid_name: str = "density") -> DensityFrame:
-    """Read .nvdb, .vol or .npz. up: which axis of the file points up; z-up is turned to our y-up.
+def read_volume(path: Path, *, up: Up = "y", grid_name: str | None = None) -> DensityFrame:
+    """Read a volume of any format in `READABLE`.
 
+    up: which axis of the file points up; z-up is turned to our y-up. grid_name: which grid of a .vdb or .nvdb;
+    None or "density" also take the only scalar fog grid, whatever its name. A grid without smoke is zeros.
     Raises FileNotFoundError, or VolumeError with the reason and the remedy.
     """
+    _check_exists(path)
+    try:
+        match path.suffix.lower():
+            case ".vdb":
+                frame = read_vdb(path, grid_name=grid_name)
+            case ".nvdb":
+                frame = read_nanovdb(path, grid_name=grid_name)
+            case ".vol":
+                frame = read_vol(path)
+            case ".npz":
+                frame = read_npz(path)
+            case ".npy":
+                frame = read_npy(path)
+            case ".pbrt":
+                frame = read_pbrt(path)
+            case suffix:
+                known = " ".join(READABLE)
+                raise VolumeError(f"{path}: cannot read {suffix or 'files without a suffix'!r}; known: {known}")
+        return frame if up == "y" else z_up_to_y_up(frame)
+    except MemoryError as error:
+        raise VolumeError(f"{path}: needs more memory than there is; crop or resample the grid") from error
+
+
+def list_grids(path: Path) -> list[GridInfo]:
+    """What a file holds: names, kinds, classes and index boxes. A format without names holds "density" alone.
+
+    Raises FileNotFoundError, or VolumeError for damaged and unknown files.
+    """
+    _check_exists(path)
+    match path.suffix.lower():
+        case ".vdb":
+            return list_vdb(path)
+        case ".nvdb":
+            return list_nanovdb(path)
+    z, y, x = read_volume(path).density.shape
+    box = ((0, 0, 0), (x - 1, y - 1, z - 1))
+    return [GridInfo(name="density", kind="float", grid_class="fog volume", box=box)]
+
+
+def _check_exists(path: Path) -> None:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: there is no such volume")
-    match path.suffix.lower():
-        case ".nvdb":
-            frame = read_nanovdb(path, grid_name=grid_name)
-        case ".vol":
-            frame = read_vol(path)
-        case ".npz":
-            frame = read_npz(path)
-        case suffix:
-            raise VolumeError(f"{path}: cannot read {suffix or 'files without a suffix'!r}; known: .nvdb .vol .npz")
-    return frame if up == "y" else z_up_to_y_up(frame)
 
 
 def find_volumes(pattern: str) -> list[Path]:
@@ -42,12 +78,13 @@ def find_volumes(pattern: str) -> list[Path]:
     """
     path = Path(pattern)
     if path.is_dir():
-        found = [p for p in path.iterdir() if p.suffix.lower() in (".nvdb", ".vol", ".npz")]
+        found = [p for p in path.iterdir() if p.suffix.lower() in READABLE]
     else:
         found = [Path(name) for name in glob.glob(pattern)] or [path]
     found = sorted(p for p in found if p.is_file())
     if not found:
-        raise FileNotFoundError(f"{pattern}: no volume matches; give a .nvdb, .vol or .npz file, a folder or a pattern")
+        known = " ".join(READABLE)
+        raise FileNotFoundError(f"{pattern}: no volume matches; give a file ({known}), a folder or a pattern")
     return found
 
 

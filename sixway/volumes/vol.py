@@ -7,7 +7,8 @@ import numpy as np
 
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
-from sixway.volumes.limits import VolumeError, check_size, cubic_voxel
+from sixway.core.store import atomic_path
+from sixway.volumes.limits import VolumeError, check_size, checked_density, cubic_voxel
 
 _HEADER = struct.Struct("<3sB5i6f")  # magic, version, data type, x, y, z, channels, bounding box
 _FLOAT32 = 1
@@ -29,9 +30,9 @@ def read_vol(path: Path) -> DensityFrame:
         raw = file.read(4 * x * y * z)
     if len(raw) != 4 * x * y * z:
         raise VolumeError(f"{path}: truncated after {len(raw)} of {4 * x * y * z} bytes; copy it again")
-    density = np.frombuffer(raw, dtype="<f4").reshape(z, y, x).astype(np.float32)
-    if not np.isfinite(density).all() or density.min() < 0.0:
-        raise VolumeError(f"{path}: density holds NaN or negative values; repair it")
+    density = checked_density(str(path), np.frombuffer(raw, dtype="<f4").reshape(z, y, x).astype(np.float32))
+    if not np.isfinite(box).all():
+        raise VolumeError(f"{path}: its bounding box {tuple(box)} is damaged; export it again")
     first, last = box[:3], box[3:]
     sizes = ((last[0] - first[0]) / x, (last[1] - first[1]) / y, (last[2] - first[2]) / z)
     return DensityFrame(
@@ -42,3 +43,13 @@ def read_vol(path: Path) -> DensityFrame:
             origin_m=(first[0], first[1], first[2]),
         ),
     )
+
+
+def write_vol(path: Path, frame: DensityFrame) -> None:
+    """Write the density of a frame atomically; the box is stored as float32, the rest of the frame is left out."""
+    z, y, x = frame.density.shape
+    last = [o + length for o, length in zip(frame.grid.origin_m, frame.grid.extent_m, strict=True)]
+    head = _HEADER.pack(b"VOL", 3, _FLOAT32, x, y, z, 1, *frame.grid.origin_m, *last)
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        file.write(head)
+        file.write(np.ascontiguousarray(frame.density, dtype="<f4").data)

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
@@ -61,19 +59,12 @@ def test_pickles_are_refused(tmp_path: Path) -> None:
 
 def test_unknown_and_missing_files_say_so(tmp_path: Path) -> None:
     (tmp_path / "a.vdbx").write_text("x")
-    with pytest.raises(VolumeError, match=r"known: \.nvdb \.vol \.npz"):
+    with pytest.raises(VolumeError, match=r"known: \.vdb \.nvdb \.vol \.npz"):
         read_volume(tmp_path / "a.vdbx")
     with pytest.raises(FileNotFoundError, match="no such volume"):
         read_volume(tmp_path / "none.npz")
     with pytest.raises(FileNotFoundError, match="no volume matches"):
         find_volumes(str(tmp_path / "*.npz"))
-
-
-@pytest.fixture(scope="module")
-def good_npz(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    path = tmp_path_factory.mktemp("npz") / "good.npz"
-    write_npz(path, frame_of(np.random.default_rng(0).random((6, 6, 6), dtype=np.float32)))
-    return path.read_bytes()
 
 
 def nvdb_bytes(density: np.ndarray, tmp: Path) -> bytes:
@@ -86,27 +77,6 @@ def nvdb_bytes(density: np.ndarray, tmp: Path) -> bytes:
 def good_nvdb(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     density = np.random.default_rng(0).random((9, 6, 7)).astype(np.float32)
     return nvdb_bytes(density, tmp_path_factory.mktemp("nvdb") / "good.nvdb")
-
-
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(cut=st.floats(0.0, 0.98), flip=st.integers(0, 10_000), suffix=st.sampled_from([".npz", ".nvdb", ".vol"]))
-def test_damaged_files_raise_a_clear_error_or_read(
-    tmp_path: Path, good_npz: bytes, good_nvdb: bytes, cut: float, flip: int, suffix: str
-) -> None:
-    """Truncated or altered bytes: never a crash, never anything but VolumeError."""
-    vol = struct.pack("<3sB5i6f", b"VOL", 3, 1, 4, 4, 4, 1, 0, 0, 0, 1, 1, 1) + bytes(4 * 64)
-    whole = {".npz": good_npz, ".nvdb": good_nvdb, ".vol": vol}[suffix]
-    damaged = bytearray(whole[: int(len(whole) * cut)] if flip % 2 else whole)
-    if damaged:
-        damaged[flip % len(damaged)] ^= 0xFF
-    path = tmp_path / f"damaged{suffix}"
-    path.write_bytes(bytes(damaged))
-    try:
-        frame = read_volume(path)
-    except VolumeError as error:
-        assert "damaged" in str(error)
-    else:
-        assert np.isfinite(frame.density).all()
 
 
 def test_nanovdb_keeps_place_values_and_order(tmp_path: Path) -> None:
@@ -168,8 +138,6 @@ def test_real_volumes(real_volumes: Path) -> None:
     assert steam.grid.shape_zyx == (45, 53, 44)
     assert steam.density.max() == pytest.approx(1.85, abs=0.01)
     assert extinction_for_optical_depth(steam) > 0.0
-    with pytest.raises(VolumeError, match="known:"):
-        read_volume(next((real_volumes / "mantaflow_fire").glob("*.vdb")))
 
 
 def test_npz_bomb_is_refused_before_memory_is_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

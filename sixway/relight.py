@@ -14,15 +14,16 @@ from sixway.core.color import encode_srgb
 from sixway.core.frames import parse_size
 from sixway.core.png import to_8bit, write_png
 from sixway.core.progress import track
-from sixway.core.store import content_hash, read_json, write_json
+from sixway.core.store import claim_folder, content_hash
 from sixway.core.video import write_video
 from sixway.inference.bake import LightmapBaker
 from sixway.inference.predict import load_predictor
 from sixway.inference.sequence import Path1D, Shot, camera_of, render
 from sixway.shading.compose import BlendRule
 from sixway.shading.light import DirectionalLight
-from sixway.volumes.extinction import DEFAULT_OPTICAL_DEPTH, extinction_for_optical_depth
-from sixway.volumes.read import find_volumes, read_volume
+from sixway.volumes.extinction import DEFAULT_OPTICAL_DEPTH
+from sixway.volumes.read import find_volumes
+from sixway.volumes.sequence import VolumeSequence, open_sequence, slice_frames
 
 _PATH_PICTURES = 48
 
@@ -69,7 +70,12 @@ def _parser() -> argparse.ArgumentParser:
     add("--size", help="N or WxH in px (default: 256, or the size of the .onnx file)")
     add("--up", choices=("y", "z"), default="y", help="axis of the file that points up (default: y)")
     add("--grid", default="density", help="name of the grid in a file that holds several (default: density)")
-    add("--optical-depth", type=float, default=DEFAULT_OPTICAL_DEPTH, help="of thick columns (default: 8)")
+    add(
+        "--optical-depth",
+        type=float,
+        default=DEFAULT_OPTICAL_DEPTH,
+        help="of the densest frame (default: 8)",
+    )
     add("--density-scale", type=float, help="extinction [1/m] of density 1, instead of --optical-depth")
     add("--blend", choices=get_args(BlendRule), default="squared", help="rule of the six maps' weights")
     add("--exposure", type=float, help="factor on the light (default: the net's brightness scale)")
@@ -83,19 +89,20 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     predictor = load_predictor(options.checkpoint, device=options.device)
-    volumes = _slice(find_volumes(options.volume), options.frames)
-    first = read_volume(volumes[0], up=options.up, grid_name=options.grid)
     for name in ("optical_depth", "density_scale", "exposure", "margin", "fps"):
         value = getattr(options, name)
         if value is not None and not 0.0 < value < float("inf"):
             raise ValueError(f"--{name.replace('_', '-')} {value} must be positive and finite")
-    extinction = options.density_scale or extinction_for_optical_depth(first, optical_depth=options.optical_depth)
+    volumes = slice_frames(find_volumes(options.volume), options.frames)
+    sequence = open_sequence(volumes, up=options.up, grid_name=options.grid, optical_depth=options.optical_depth)
+    extinction = options.density_scale or sequence.extinction_per_m
     card = predictor.card
     own_size = (card.width_px, card.height_px) if options.checkpoint.suffix == ".onnx" else (256, 256)
     width, height = parse_size(options.size) if options.size else own_size
-    shot = _shot(options, volumes, width, height, exposure=options.exposure or card.scale)
+    shot = _shot(options, sequence, width, height, exposure=options.exposure or card.scale)
     print(
-        f"{len(volumes)} volume(s) of {first.grid.shape_zyx[::-1]} voxels, density up to {first.density.max():.3g}; "
+        f"{len(volumes)} volume(s) in {sequence.grid.shape_zyx[::-1]} voxels, "
+        f"density up to {sequence.highest_density:.3g}; "
         f"density scale {extinction:.4g} 1/m; {shot.num_pictures} picture(s) of {width} x {height}"
     )
     suffix = options.output.suffix.lower()
@@ -108,7 +115,7 @@ def _run(options: argparse.Namespace) -> int:
     if suffix == ".mp4" and min(width, height) < 2:
         raise ValueError(f"--size {width}x{height}: a video needs sides of at least 2 px")
     for number in (0, shot.num_pictures - 1):
-        camera_of(shot, first, number)  # a view that cannot be is told of before anything is rendered
+        camera_of(shot, number)  # a view that cannot be is told of before anything is rendered
     if options.dry_run:
         print(f"dry run: nothing was written to {options.output}")
         return 0
@@ -132,33 +139,26 @@ def _run(options: argparse.Namespace) -> int:
 
 def _write_folder(folder: Path, shot: Shot, baker: LightmapBaker, *, made_by: str) -> None:
     """Numbered PNGs; the same command again makes only those that are missing."""
-    record = folder / "relight.json"
-    paths = {number: folder / f"picture_{number:04d}.png" for number in range(shot.num_pictures)}
-    if not (record.is_file() and read_json(record).get("made_by") == made_by):
-        # before the record: a kill in between must not pass another command's pictures off as this one's
-        for stale in folder.glob("picture_[0-9]*.png") if record.is_file() else paths.values():
-            stale.unlink(missing_ok=True)
-        write_json(record, {"made_by": made_by})
-    missing = [number for number, path in paths.items() if not path.is_file()]
-    for number, picture in track(render(shot, baker, missing), total=len(missing), label="relight"):
-        write_png(paths[number], picture)
+    files = [folder / f"picture_{number:04d}.png" for number in range(shot.num_pictures)]
+    missing = claim_folder(folder, files, record="relight.json", made_by=made_by, pattern="picture_[0-9]*.png")
+    numbers = [files.index(file) for file in missing]
+    for number, picture in track(render(shot, baker, numbers), total=len(numbers), label="relight"):
+        write_png(files[number], picture)
 
 
-def _shot(options: argparse.Namespace, volumes: list[Path], width: int, height: int, *, exposure: float) -> Shot:
+def _shot(options: argparse.Namespace, sequence: VolumeSequence, width: int, height: int, *, exposure: float) -> Shot:
     yaw, pitch, turn = (Path1D.parse(t) for t in (options.camera_yaw, options.camera_pitch, options.turn_lights))
     moves = yaw.moves or pitch.moves or turn.moves
     count = options.pictures if options.pictures is not None else (_PATH_PICTURES if moves else 1)
     if count < 1:
         raise ValueError(f"--pictures {count} must be at least 1")
-    if len(volumes) > 1:
+    if len(sequence.paths) > 1:
         if options.pictures is not None:
-            raise ValueError(f"--pictures {count}: {len(volumes)} volumes make one picture each; leave it out")
-        count = len(volumes)
+            raise ValueError(f"--pictures {count}: {len(sequence.paths)} volumes make one picture each; leave it out")
+        count = len(sequence.paths)
     return Shot(
-        volumes=tuple(volumes),
+        sequence=sequence,
         num_pictures=count,
-        up=options.up,
-        grid_name=options.grid,
         yaw_deg=yaw,
         pitch_deg=pitch,
         light_turn_deg=turn,
@@ -180,15 +180,6 @@ def _rgb(text: str) -> tuple[float, float, float]:
     if not all(0.0 <= value < float("inf") for value in (red, green, blue)):
         raise ValueError(f"--background {text!r} must be finite and not negative")
     return (red, green, blue)
-
-
-def _slice(volumes: list[Path], frames: str | None) -> list[Path]:
-    if frames is None:
-        return volumes
-    first, colon, last = frames.partition(":")
-    if not (colon and first.isdigit() and last.isdigit() and 0 <= int(first) < int(last) <= len(volumes)):
-        raise ValueError(f"--frames {frames!r} is not A:B with 0 <= A < B <= {len(volumes)}, the volumes found")
-    return volumes[int(first) : int(last)]
 
 
 if __name__ == "__main__":

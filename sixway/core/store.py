@@ -68,6 +68,21 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path}: not valid JSON ({error}); restore it or remake it") from error
 
 
+def claim_folder(folder: Path, files: list[Path], *, record: str, made_by: str, pattern: str) -> list[Path]:
+    """Make `folder` hold the numbered `files` of one command and return those that are missing.
+
+    made_by: hash of all that shapes them, kept in `record`; the same command finds its files again. Files of
+    another command (all that match `pattern`, or where there is no record only those in the way) go first: a
+    kill in between must not pass them off as this command's.
+    """
+    path = folder / record
+    if not (path.is_file() and read_json(path).get("made_by") == made_by):
+        for stale in folder.glob(pattern) if path.is_file() else files:
+            stale.unlink(missing_ok=True)
+        write_json(path, {"made_by": made_by})
+    return [file for file in files if not file.is_file()]
+
+
 def append_json_line(path: Path, value: Any) -> None:
     """Append one JSON line in a single write, so that writers in several processes do not mix lines."""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -2,17 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from sixway.core.frames import Camera
-from sixway.core.records import DensityFrame
 from sixway.inference.bake import LightmapBaker
 from sixway.shading.compose import BlendRule, over, shade
 from sixway.shading.light import DirectionalLight
-from sixway.volumes.read import Up, read_volume
+from sixway.volumes.sequence import VolumeSequence
 
 
 @dataclass(frozen=True)
@@ -45,12 +43,10 @@ class Path1D:
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """What to render. volumes: one, or one a picture. exposure: factor on the shaded light."""
+    """What to render. sequence: one volume, or one a picture. exposure: factor on the shaded light."""
 
-    volumes: tuple[Path, ...]
+    sequence: VolumeSequence
     num_pictures: int
-    up: Up
-    grid_name: str
     yaw_deg: Path1D
     pitch_deg: Path1D
     light_turn_deg: Path1D
@@ -62,29 +58,27 @@ class Shot:
     height_px: int
     margin: float
 
-    def volume(self, number: int) -> Path:
-        return self.volumes[number if len(self.volumes) > 1 else 0]
-
 
 def render(shot: Shot, baker: LightmapBaker, numbers: list[int]) -> Iterator[tuple[int, Float[np.ndarray, "h w 3"]]]:
     """Yield (picture number, linear RGB) for the pictures asked for; every picture keeps the same jitter."""
     background = np.broadcast_to(np.array(shot.background, np.float32), (shot.height_px, shot.width_px, 3))
-    path, frame = None, None
+    last = len(shot.sequence.paths) - 1
+    held, frame = -1, None
     for number in numbers:
-        if shot.volume(number) != path or frame is None:
-            path = shot.volume(number)
-            frame = read_volume(path, up=shot.up, grid_name=shot.grid_name)
-        lightmap = baker.bake(frame, camera_of(shot, frame, number), seed=0)
+        if frame is None or held != min(number, last):
+            held = min(number, last)
+            frame = shot.sequence.read(held)
+        lightmap = baker.bake(frame, camera_of(shot, number), seed=0)
         turn = shot.light_turn_deg.at(number, shot.num_pictures)
         lights = [light.turned(turn) for light in shot.lights]
         smoke = shot.exposure * shade(lightmap, lights, rule=shot.rule)
         yield number, over(smoke, lightmap["alpha"], background)
 
 
-def camera_of(shot: Shot, frame: DensityFrame, number: int) -> Camera:
-    """The camera of one picture, framing that frame's volume."""
+def camera_of(shot: Shot, number: int) -> Camera:
+    """The camera of one picture, framing the box of the whole sequence."""
     return Camera.around(
-        frame.grid,
+        shot.sequence.grid,
         yaw_deg=shot.yaw_deg.at(number, shot.num_pictures),
         pitch_deg=shot.pitch_deg.at(number, shot.num_pictures),
         margin=shot.margin,

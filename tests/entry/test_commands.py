@@ -39,7 +39,7 @@ def script(name: str, *arguments: str) -> int:
 
 
 def test_every_command_is_known_here() -> None:
-    assert COMMANDS == ["demo", "doctor", "evaluate", "export", "relight", "train"]
+    assert COMMANDS == ["bake", "demo", "doctor", "evaluate", "export", "relight", "train"]
     assert set(DRIVERS) == {"generate", "simulate", "march_guides", "trace_references", "pack", "verify"}
 
 

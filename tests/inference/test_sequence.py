@@ -13,7 +13,7 @@ from sixway.inference.predict import load_predictor
 from sixway.inference.sequence import Path1D, Shot, camera_of, render
 from sixway.shading.light import DirectionalLight
 from sixway.volumes.npz import write_npz
-from sixway.volumes.read import read_volume
+from sixway.volumes.sequence import open_sequence
 
 JET = Path(__file__).parents[1] / "data/jet.npz"
 STILL = Path1D(0.0, 0.0)
@@ -27,10 +27,8 @@ def baker(trained_run: Path) -> LightmapBaker:
 @pytest.fixture
 def shot() -> Shot:
     return Shot(
-        volumes=(JET,),
+        sequence=open_sequence([JET]),
         num_pictures=1,
-        up="y",
-        grid_name="density",
         yaw_deg=STILL,
         pitch_deg=STILL,
         light_turn_deg=STILL,
@@ -73,8 +71,7 @@ def test_a_path_has_both_its_ends_and_even_steps() -> None:
 
 def test_the_camera_follows_its_path(shot: Shot) -> None:
     shot = replace(shot, num_pictures=3, yaw_deg=Path1D(0.0, 90.0), pitch_deg=Path1D(0.0, 30.0))
-    frame = read_volume(JET)
-    first, middle, last = (camera_of(shot, frame, number).to_viewer for number in range(3))
+    first, middle, last = (camera_of(shot, number).to_viewer for number in range(3))
     np.testing.assert_allclose(first, (0.0, 0.0, 1.0), atol=1e-9)
     np.testing.assert_allclose(last, (np.cos(np.pi / 6), 0.5, 0.0), atol=1e-9)
     assert middle[0] == pytest.approx(middle[2])
@@ -120,9 +117,8 @@ def test_a_sequence_takes_one_volume_a_picture(shot: Shot, baker: LightmapBaker,
         density[4:8, 4:8, 1 + 3 * number : 4 + 3 * number] = 1.0  # wanders to the right
         volumes.append(tmp_path / f"smoke_{number}.npz")
         write_npz(volumes[-1], DensityFrame(density=density, grid=Grid.centred(density.shape)))
-    wandering = replace(shot, volumes=tuple(volumes), num_pictures=3, lights=(DirectionalLight.parse("front"),))
-    assert [wandering.volume(number) for number in range(3)] == volumes
-    assert replace(shot, num_pictures=9).volume(8) == JET
+    front = (DirectionalLight.parse("front"),)
+    wandering = replace(shot, sequence=open_sequence(volumes), num_pictures=3, lights=front)
     columns = np.arange(24)
     centres = [
         float(picture.mean(axis=(0, 2)) @ columns / picture.mean(axis=(0, 2)).sum())

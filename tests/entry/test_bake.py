@@ -1,0 +1,98 @@
+"""The classic tool: volumes to path-traced maps, resumable, framed as one sequence."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sixway.bake import main
+from sixway.core.conventions import LIGHTMAP_CHANNELS
+from sixway.core.exr import read_exr, read_exr_attributes
+from sixway.core.frames import Grid
+from sixway.core.records import DensityFrame
+from sixway.volumes.npz import write_npz
+
+JET = Path(__file__).parents[1] / "data/jet.npz"
+CHANNELS = LIGHTMAP_CHANNELS[:-1]
+SMALL = ("--resolution", "20x16", "--samples", "1")
+
+
+def bake(*arguments: object) -> int:
+    return main([str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def wandering(tmp_path: Path) -> Path:
+    """Three small boxes of smoke, each in a file whose grid covers it alone, further and further right."""
+    folder = tmp_path / "volumes"
+    for number in range(3):
+        grid = Grid(shape_zyx=(6, 6, 6), voxel_size_m=0.1, origin_m=(0.6 * number, 0.0, 0.0))
+        write_npz(folder / f"smoke_{number}.npz", DensityFrame(density=np.ones((6, 6, 6), np.float32), grid=grid))
+    return folder
+
+
+def test_the_jet_is_baked_with_its_light_on_the_right_side(tmp_path: Path) -> None:
+    assert bake(JET, "--out", tmp_path / "maps", *SMALL) == 0
+    path = tmp_path / "maps/frame_0000.exr"
+    maps = dict(zip(CHANNELS, np.moveaxis(read_exr(path, CHANNELS, (16, 20)), -1, 0), strict=True))
+    columns = np.arange(20)
+
+    def centre(name: str) -> float:
+        return float((maps[name].sum(0) * columns).sum() / maps[name].sum())
+
+    assert centre("right") > centre("front") > centre("left")
+    assert 0.5 < maps["alpha"].max() <= 1.0
+    assert read_exr_attributes(path)["sixway/bounces"] == "paper"
+
+
+def test_a_sequence_is_framed_once_and_resumes(wandering: Path, tmp_path: Path) -> None:
+    out = tmp_path / "maps"
+    arguments = (wandering, "--out", out, "--bounces", "single", *SMALL)
+    assert bake(*arguments) == 0
+    files = sorted(out.glob("*.exr"))
+    alphas = [read_exr(file, ("alpha",))[..., 0] for file in files]
+    centres = [float((a.sum(0) * np.arange(20)).sum() / a.sum()) for a in alphas]
+    assert centres[0] + 3.0 < centres[1] < centres[2] - 3.0  # the camera does not follow the smoke
+    assert alphas[0].sum() == pytest.approx(alphas[2].sum(), rel=0.1)
+    old = {file: file.stat().st_mtime_ns for file in files}
+    files[1].unlink()
+    assert bake(*arguments) == 0
+    assert [file.stat().st_mtime_ns != old[file] for file in files] == [False, True, False]
+    np.testing.assert_array_equal(read_exr(files[1], ("alpha",))[..., 0], alphas[1])
+
+
+def test_other_settings_bake_anew(tmp_path: Path) -> None:
+    out = tmp_path / "maps"
+    first = (JET, "--out", out, "--bounces", "single", *SMALL)
+    assert bake(*first) == 0
+    white = read_exr(out / "frame_0000.exr", ("front",))
+    assert bake(*first, "--albedo", "0.5") == 0
+    grey = read_exr(out / "frame_0000.exr", ("front",))
+    np.testing.assert_allclose(grey, 0.5 * white, rtol=2e-3, atol=1e-5)
+
+
+def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert bake(JET, "--out", tmp_path / "maps", "--dry-run") == 0
+    assert "density scale" in capsys.readouterr().out
+    assert not (tmp_path / "maps").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--albedo", "1.5"), "albedo 1.5 must lie in"),
+        (("--samples", "0"), "samples: input should be greater than or equal to 1"),
+        (("--resolution", "0"), "size '0' is not N or WxH"),
+        (("--frames", "3:9"), "--frames '3:9' is not A:B"),
+        (("--optical-depth", "-1"), "--optical-depth -1.0 must be positive"),
+        (("--camera-pitch", "90"), "pitch 90.0 deg must lie strictly between"),
+    ],
+)
+def test_bad_options_are_told_once(
+    arguments: tuple[str, str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert bake(JET, "--out", tmp_path / "maps", *arguments) == 2
+    told = capsys.readouterr().err
+    assert says in told
+    assert told.count("error:") == 1
+    assert not (tmp_path / "maps").exists()

@@ -113,7 +113,7 @@ def ray_forward(
 
 
 SMALLEST_WEIGHT = wp.constant(1.0e-4)
-"""A sample that could add less than this to the picture is not lit."""
+"""A sample that could add less than this to the picture is not lit, and a ray with less left ends."""
 
 LARGEST_OPTICAL_DEPTH = wp.constant(12.0)
 """Light that has passed this much smoke is gone."""
@@ -123,10 +123,14 @@ LARGEST_OPTICAL_DEPTH = wp.constant(12.0)
 def march_guide(
     first_row: int,
     density: wp.array3d(dtype=float),
+    voxel_m: float,
     obstacle: wp.array3d(dtype=float),
-    has_obstacle: int,
-    voxel_size_m: float,
+    obstacle_voxel_m: float,
     extent_m: wp.vec3,
+    smoke_low: wp.vec3,
+    smoke_high: wp.vec3,
+    seen_low: wp.vec3,
+    seen_high: wp.vec3,
     position_m: wp.vec3,
     to_target: wp.vec3,
     right: wp.vec3,
@@ -145,26 +149,31 @@ def march_guide(
     transmittance: wp.array2d(dtype=float),
     depth_m: wp.array2d(dtype=float),
 ):
-    """Algorithm 1 of the paper, one channel a light. Positions are relative to the grid's corner."""
+    """Algorithm 1 of the paper, one channel a light. Positions are relative to the grid's corner.
+
+    Samples stand where a march through the whole box would put them; those outside the smoke are left out.
+    """
     band_row, column = wp.tid()
     row = first_row + band_row
     shape = wp.vec2(float(transmittance.shape[0]), float(transmittance.shape[1]))
     origin = ray_origin(row, column, shape, position_m, right, up, perspective)
     forward = ray_forward(row, column, shape, to_target, right, up, perspective)
-    span = slab(origin, forward, extent_m)
     for light in range(to_light.shape[0]):
         in_scatter[row, column, light] = 0.0
     remaining = float(1.0)  # T_{n-1}
     depth = float(wp.inf)
-    t = float(span[0])
+    first = slab(origin, forward, extent_m)[0]
     if jittered == 1:
-        t += step_m * uniform_hash(seed, wp.uint32(row * transmittance.shape[1] + column))
-    while t < span[1]:
+        first += step_m * uniform_hash(seed, wp.uint32(row * transmittance.shape[1] + column))
+    seen = slab(origin - seen_low, forward, seen_high - seen_low)
+    n = wp.max(wp.ceil((seen[0] - first) / step_m), 0.0)
+    t = first + n * step_m
+    while t < seen[1] and remaining > SMALLEST_WEIGHT:
         x = origin + t * forward
-        if has_obstacle == 1:
-            if trilinear(obstacle, x / voxel_size_m) > 0.5:
+        if obstacle.shape[0] > 0:
+            if trilinear(obstacle, x / obstacle_voxel_m) > 0.5:
                 break
-        rho = trilinear(density, x / voxel_size_m)
+        rho = trilinear(density, x / voxel_m)
         sigma_t = extinction_per_m * rho
         if sigma_t > 0.0:
             if rho > depth_threshold and depth > 1.0e30:
@@ -176,17 +185,18 @@ def march_guide(
             if weight > SMALLEST_WEIGHT:
                 for light in range(to_light.shape[0]):
                     toward = to_light[light]
-                    exit_m = slab(x, toward, extent_m)[1]
-                    optical_depth = float(0.0)
+                    exit_m = slab(x - smoke_low, toward, smoke_high - smoke_low)[1]
+                    rho_sum = float(0.0)
                     s = float(0.5 * step_m)
-                    while s < exit_m and optical_depth < LARGEST_OPTICAL_DEPTH:
-                        rho_there = trilinear(density, (x + s * toward) / voxel_size_m)
-                        optical_depth += extinction_per_m * rho_there * step_m
+                    while s < exit_m and rho_sum < LARGEST_OPTICAL_DEPTH / (extinction_per_m * step_m):
+                        rho_sum += trilinear(density, (x + s * toward) / voxel_m)
                         s += step_m
+                    passed_light = wp.exp(-extinction_per_m * step_m * rho_sum)
                     phase = henyey_greenstein(wp.dot(toward, forward), hg_g)
-                    in_scatter[row, column, light] += wp.pi * albedo * phase * weight * wp.exp(-optical_depth)
+                    in_scatter[row, column, light] += wp.pi * albedo * phase * weight * passed_light
             remaining *= passed
-        t += step_m
+        n += 1.0
+        t = first + n * step_m
     transmittance[row, column] = remaining
     depth_m[row, column] = depth
 

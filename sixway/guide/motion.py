@@ -10,7 +10,7 @@ from jaxtyping import Float
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium
 from sixway.guide import kernels
-from sixway.guide.march import camera_arguments
+from sixway.guide.views import camera_arguments
 
 
 def project_motion(

@@ -49,6 +49,39 @@ def test_kernel_equals_oracle(rng, device, kind, hg_g, obstacle) -> None:
     assert lit.max() > 0.05
 
 
+@pytest.mark.parametrize("mip", [2, 4])
+def test_a_mip_equals_the_oracle_where_its_boxes_do_not_fit_the_grid(rng, device, mip) -> None:
+    frame = blob(rng, 18, obstacle=True)
+    camera = Camera.around(frame.grid, yaw_deg=-50.0, pitch_deg=30.0, width_px=17, height_px=14)
+    medium = Medium(extinction_per_m=20.0)
+    config = GuideConfig(lights=ALL_LIGHTS, sum_lights=False, mip=mip, steps_per_edge=24)
+    guide = GuideMarcher(config, medium, device=device).march(frame, camera, seed=5)
+    in_scatter, transmittance, _ = oracle.march_guide(frame, camera, medium, config, seed=5)
+    close = np.isclose(guide.image[..., :6], in_scatter, atol=2e-4).all(-1)
+    close &= np.isclose(guide["transmittance"], transmittance, atol=2e-4)
+    assert close.mean() > 0.97
+
+
+def test_smoke_in_a_corner_behind_a_wall_elsewhere(rng, device) -> None:
+    """Rays start where smoke or walls do: neither a wall in empty air nor the march's sample positions get lost."""
+    frame = blob(rng, 16)
+    density, wall = frame.density.copy(), np.zeros((16, 16, 16), np.float32)
+    density[:, :, :9] = 0.0
+    density[6:] = 0.0
+    wall[12:14, 6:12, 6:14] = 1.0
+    frame = DensityFrame(density=density, grid=frame.grid, obstacle=wall)
+    camera = Camera.around(frame.grid, yaw_deg=10.0, width_px=23, height_px=23)
+    medium, config = Medium(extinction_per_m=20.0), GuideConfig(lights=ALL_LIGHTS, sum_lights=False)
+    guide = GuideMarcher(config, medium, device=device).march(frame, camera, seed=5)
+    in_scatter, transmittance, _ = oracle.march_guide(frame, camera, medium, config, seed=5)
+    close = np.isclose(guide.image[..., :6], in_scatter, atol=2e-4).all(-1)
+    close &= np.isclose(guide["transmittance"], transmittance, atol=2e-4)
+    assert close.mean() > 0.97
+    open_air = DensityFrame(density=density, grid=frame.grid)
+    unhidden = GuideMarcher(config, medium, device=device).march(open_air, camera, seed=5)
+    assert (guide["transmittance"] > unhidden["transmittance"] + 0.1).sum() > 5
+
+
 def test_homogeneous_cube_has_its_closed_form(device) -> None:
     """Orthographic view of a unit cube, sigma_t = 4: T and the six maps (analytic single scattering)."""
     sigma = 4.0

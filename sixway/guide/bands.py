@@ -1,0 +1,47 @@
+"""A Warp kernel over all CPU threads: Warp runs it on one, but lets go of Python's lock meanwhile."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import warp as wp
+
+_BANDS_A_THREAD = 8
+"""Smoke sits in the middle of a picture, so one band a thread would leave most threads waiting."""
+
+
+class RowBands:
+    """Cuts a launch into bands of rows and hands them to a pool of threads; other devices get one launch.
+
+    Kernels take the number of their first row as first argument. Bands write apart, so threads change no byte.
+    """
+
+    def __init__(self, device: wp.Device, *, threads: int) -> None:
+        self._device = device
+        self._threads = threads if device.is_cpu else 1
+        self._helpers = ThreadPoolExecutor(self._threads - 1) if self._threads > 1 else None
+
+    def launch(
+        self, kernel: wp.Kernel, *, dim: Sequence[int], inputs: Sequence[object], outputs: Sequence[wp.array]
+    ) -> None:
+        """Run `kernel` over `dim`, rows first, and wait for all bands."""
+        rows, *others = dim
+
+        def launch_rows(first: int, count: int) -> None:
+            wp.launch(kernel, dim=(count, *others), inputs=[first, *inputs], outputs=outputs, device=self._device)
+
+        if self._helpers is None:
+            launch_rows(0, rows)
+            return
+        wp.load_module(kernel.module.name, device=self._device)  # before threads: loading is not safe from several
+        height = -(-rows // (_BANDS_A_THREAD * self._threads))
+        bands = iter([(row, min(height, rows - row)) for row in range(0, rows, height)])
+
+        def take_bands() -> None:
+            for band in bands:  # a list's iterator hands every band to one thread only
+                launch_rows(*band)
+
+        # this thread works too: one helper fewer to wake, and short launches are over before it arrives
+        helping = [self._helpers.submit(take_bands) for _ in range(self._threads - 1)]
+        take_bands()
+        for helper in helping:
+            helper.result()

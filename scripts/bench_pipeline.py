@@ -13,6 +13,7 @@ import warp as wp
 from measurement import Measurement, median_seconds, parser
 
 from sixway.core.config import load_config
+from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera
 from sixway.core.records import Medium
 from sixway.guide.march import GuideConfig, GuideMarcher
@@ -29,7 +30,8 @@ from sixway.sim.solver import SmokeSolver
 SCENARIO = Path(__file__).parents[1] / "configs/sim/jet_tiny.yaml"
 GUIDES = {
     "paper": GuideConfig(),
-    "six": GuideConfig(lights=("right", "left", "top", "bottom", "front", "back"), sum_lights=False),
+    "six": GuideConfig(lights=DIRECTIONS, sum_lights=False),
+    "rich": GuideConfig(lights=DIRECTIONS, sum_lights=False, lighting="sweep", scatter_iterations=1),
 }
 
 
@@ -67,12 +69,12 @@ def main() -> int:
         f"reference, {tracer.method}, paper bounces, 4 samples", lambda: tracer.trace(frame, camera, seed=0), wait_torch
     )
 
-    guide = guides["six"]
+    guide = guides["rich"]
     net = SixWayUNet(UNetConfig(), guide_channels=guide.channels, guide_scale=4.0)
     card = NetCard(
         net=net.config,
-        guide_name="six",
-        guide=GUIDES["six"].model_dump(mode="json"),
+        guide_name="rich",
+        guide=GUIDES["rich"].model_dump(mode="json"),
         guide_channels=guide.channels,
         scale=4.0,
         has_emissive=False,

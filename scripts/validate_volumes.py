@@ -43,7 +43,7 @@ def main() -> int:
     predictor = load_predictor(chosen.run_dir, device="cpu")
     guide_config = parse_config(GuideConfig, predictor.card.guide, source="the net's guide")
     if not set(DIRECTIONS) <= set(guide_config.channels):
-        raise SystemExit("error: this script compares with the guide's own six maps; train with guide=six")
+        raise SystemExit("error: this script compares with the guide's own six maps; train with guide=rich")
     result = Measurement({"run": str(chosen.run_dir), "size_px": size, "samples": samples, "bounces": "paper"}, 1)
     for name, up in VOLUMES.items():
         if not (chosen.folder / name).is_file():

@@ -1,6 +1,4 @@
 """Warp kernels of the swept guide: the light grid, and the view march that reads it. `oracle.py` says the same."""
-# mypy: ignore-errors
-# ruff: noqa: UP018, RUF046
 
 import warp as wp
 

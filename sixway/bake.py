@@ -55,7 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--camera-yaw", type=float, default=0.0, help="degrees (default: 0)")
     add("--camera-pitch", type=float, default=0.0, help="degrees (default: 0)")
     add("--projection", choices=("perspective", "orthographic"), default="perspective")
-    add("--margin", type=float, default=1.0, help="what the image frames, in bounding radii (default: 1, crops nothing)")
+    add("--margin", type=float, default=1.0, help="bounding radii that the image frames (default: 1)")
     add("--seed", type=int, default=0)
     add("--device", choices=("auto", "cpu", "cuda"), default="auto")
     add("--dry-run", action="store_true", help="say what would be baked, bake nothing")

@@ -133,6 +133,76 @@ class Camera:
             height_px=height_px,
         )
 
+    @classmethod
+    def perspective(
+        cls,
+        *,
+        position_m: Vector,
+        target_m: Vector,
+        up: Vector = (0.0, 1.0, 0.0),
+        fov_deg: float = 30.0,
+        width_px: int = 128,
+        height_px: int = 128,
+    ) -> "Camera":
+        """A pinhole camera at `position_m` that looks at `target_m`; `up` is only roughly up.
+
+        fov_deg: full angle of the shorter image side. Raises ValueError if position, target and up lie on a line.
+        """
+        if not 1.0 <= fov_deg <= 120.0:
+            raise ValueError(f"field of view {fov_deg} deg must lie in [1, 120]")
+        distance = math.dist(position_m, target_m)
+        half_short = distance * math.tan(math.radians(0.5 * fov_deg))
+        return cls._placed("perspective", position_m, target_m, up, half_short, width_px, height_px)
+
+    @classmethod
+    def orthographic(
+        cls,
+        *,
+        position_m: Vector,
+        target_m: Vector,
+        up: Vector = (0.0, 1.0, 0.0),
+        size_m: float = 1.0,
+        width_px: int = 128,
+        height_px: int = 128,
+    ) -> "Camera":
+        """A camera with parallel rays whose image's shorter side shows `size_m`; else as `perspective`."""
+        return cls._placed("orthographic", position_m, target_m, up, 0.5 * size_m, width_px, height_px)
+
+    @classmethod
+    def _placed(
+        cls,
+        kind: Literal["orthographic", "perspective"],
+        position_m: Vector,
+        target_m: Vector,
+        up: Vector,
+        half_short_m: float,
+        width_px: int,
+        height_px: int,
+    ) -> "Camera":
+        if min(width_px, height_px) < 1:
+            raise ValueError(f"image of {width_px} x {height_px} px must be at least 1 x 1")
+        to_viewer = np.array(position_m, np.float64) - target_m
+        side = np.cross(up, to_viewer)
+        scale = float(np.linalg.norm(to_viewer) * np.linalg.norm(up))
+        if not (math.isfinite(scale) and float(np.linalg.norm(side)) > 1e-6 * scale):
+            raise ValueError(
+                f"camera position {position_m}, target {target_m} and up {up} leave no direction to the right; "
+                "move the camera off its target or choose another up"
+            )
+        side /= np.linalg.norm(side)
+        distance = float(np.linalg.norm(to_viewer))
+        upright = np.cross(to_viewer / distance, side)
+        return cls(
+            kind=kind,
+            target_m=target_m,
+            right=(float(side[0]), float(side[1]), float(side[2])),
+            up=(float(upright[0]), float(upright[1]), float(upright[2])),
+            distance_m=distance,
+            half_height_m=half_short_m * max(1.0, height_px / width_px),
+            width_px=width_px,
+            height_px=height_px,
+        )
+
     @property
     def to_viewer(self) -> Vector:
         """World unit vector from the target towards the camera: the camera frame's +z."""

@@ -39,6 +39,7 @@ class DensityFrame:
     time_s: float = 0.0
     velocity_m_s: Float[np.ndarray, "vz vy vx 3"] | None = None
     obstacle: Float[np.ndarray, "z y x"] | None = None
+    emission: Float[np.ndarray, "z y x"] | None = None
 
     def __post_init__(self) -> None:
         check_array("density", self.density, shape=self.grid.shape_zyx, minimum=0.0)
@@ -48,6 +49,8 @@ class DensityFrame:
             check_array("velocity", self.velocity_m_s, shape=self.velocity_m_s.shape)
         if self.obstacle is not None:
             check_array("obstacle", self.obstacle, shape=self.grid.shape_zyx, minimum=0.0)
+        if self.emission is not None:
+            check_array("emission", self.emission, shape=self.grid.shape_zyx, minimum=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

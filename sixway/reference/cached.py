@@ -2,30 +2,30 @@
 
 1. optical depth from every voxel to each light (interpolated as optical depth, not as transmittance,
    which is convex and would come out too bright);
-2. scattered light at every voxel, one bounce after the other, each gathered from the one before;
+2. scattered light at every voxel of a grid that may be coarser, because this light is smooth: one bounce
+   after the other, each gathered from the one before;
 3. a deterministic march from 4 x 4 points of every pixel: single scattering exactly, further bounces
    from the grid, and transmittance.
 
 Only step 2 is random. Voxels no smoke can ask for are left out.
 """
 
-from typing import Any
+from collections.abc import Sequence
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from jaxtyping import Float
 
-from sixway.core.conventions import DIRECTIONS, TO_LIGHT, Bounces
+from sixway.core.conventions import DIRECTIONS, Bounces
 from sixway.core.frames import Camera, Vector
 from sixway.core.records import DensityFrame, Medium
 from sixway.reference import kernels
-from sixway.reference.media import Extinction, cropped, reached
+from sixway.reference.emission import with_emissive
+from sixway.reference.media import Extinction, coarsened, cropped
+from sixway.reference.view import SIX_LIGHTS, View
+from sixway.reference.voxels import Field, Voxels
 
-Texture = Any  # mi.Texture3f, a type only once a variant is set
-
-_CHANNELS = 8  # sigma_t, six lights, solid: one packet load per corner of a voxel
-_SUBPIXELS = 4
 _CAMERA_CUTOFF = 1e-4
 _TAIL_TOLERANCE = 0.002  # of the scattered light: below it the remaining bounces are a geometric series
 _MOST_BOUNCES = 200
@@ -34,52 +34,68 @@ _MOST_BOUNCES = 200
 class CachedTracer:
     """Reusable over frames, cameras and seeds without compiling again. Needs a JIT variant of Mitsuba."""
 
-    def __init__(self, *, bounces: Bounces, samples: int, medium: Medium) -> None:
-        """samples: directions per voxel and bounce. Raises ValueError for what the grids cannot hold."""
+    def __init__(self, *, bounces: Bounces, samples: int, medium: Medium, source_optical_depth: float = 0.3) -> None:
+        """samples: directions per voxel and bounce. Raises ValueError for what the grids cannot hold.
+
+        source_optical_depth: of the thickest voxel of the grid that scattered light is kept on. As long as it
+        stays below, voxels of that grid are 2 or 4 times larger than those of the smoke.
+        """
         if bounces == "multi" and medium.hg_g != 0.0:
             raise ValueError(
                 f"hg_g={medium.hg_g} with bounces 'multi' needs scattered light by direction, which method "
-                "'cached' does not keep; use method 'stock', or bounces 'paper' or 'single'"
+                "'cached' does not keep; use method 'path', or bounces 'paper' or 'single'"
             )
         self.bounces = bounces
         self.medium = medium
+        self._coarsest = source_optical_depth
         self._samples = dr.opaque(mi.UInt32, samples)
         self._albedo = dr.opaque(mi.Float, medium.albedo)
         self._g = dr.opaque(mi.Float, medium.hg_g)
 
-    def trace(self, frame: DensityFrame, camera: Camera, *, seed: int) -> Float[np.ndarray, "h w 7"]:
-        """M = pi L / E of the six lights and alpha, float32."""
+    def trace(
+        self, frame: DensityFrame, camera: Camera, *, seed: int, to_lights: Sequence[Vector] = SIX_LIGHTS
+    ) -> Float[np.ndarray, "h w c"]:
+        """M = pi L / E of six lights (`View` says which), alpha, and emissive if the frame has emission; float32."""
+        return with_emissive(self._lit(frame, camera, seed, to_lights), frame, camera, self.medium)
+
+    def _lit(
+        self, frame: DensityFrame, camera: Camera, seed: int, to_lights: Sequence[Vector]
+    ) -> Float[np.ndarray, "h w 7"]:
         extinction = cropped(frame, self.medium)
         if extinction is None:
             return np.zeros((camera.height_px, camera.width_px, len(DIRECTIONS) + 1), np.float32)
-        view = _View(extinction, camera)
-        lit = self._light(view)
-        match self.bounces:
-            case "single":
-                scattered = None
-            case "paper":
-                scattered = view.texture(self._bounce(view, lit, kernels.sunlight, seed=seed, order=1))
-            case "multi":
-                scattered = view.texture(self._all_bounces(view, lit, seed=seed))
-        return self._look(view, lit, scattered)
+        fine = Voxels(extinction, camera, to_lights)
+        lit = self._light(fine)
+        if self.bounces == "single":
+            return self._look(fine.view, lit, None)
+        voxels = fine
+        factor = _coarsening(extinction, self._coarsest)
+        if factor > 1:
+            voxels = Voxels(coarsened(extinction, factor), camera, to_lights)
+        scattered = self._bounce(voxels, lit, kernels.sunlight, seed=seed, order=1)
+        if self.bounces == "multi":
+            scattered = self._further_bounces(voxels, scattered, seed=seed)
+        return self._look(fine.view, lit, voxels.field(voxels.sharpened(scattered)))
 
-    def _light(self, view: "_View") -> Texture:
+    def _light(self, voxels: Voxels) -> Field:
         """Optical depth from every voxel to the six lights, beside sigma_t and the solid fraction."""
-        return view.texture(
-            [kernels.optical_depth(view.sigma_t, view.box, view.centres, to_light) for to_light in view.to_lights]
+        view = voxels.view
+        return voxels.field(
+            [kernels.optical_depth(view.sigma_t, view.box, voxels.centres, to_light) for to_light in view.to_lights]
         )
 
-    def _bounce(self, view: "_View", light: Texture, source: kernels.Source, *, seed: int, order: int) -> kernels.Six:
+    def _bounce(self, voxels: Voxels, light: Field, source: kernels.Source, *, seed: int, order: int) -> kernels.Six:
         """What the voxels receive from the light that `light` holds, scattered once more on its way."""
         step_seed = dr.opaque(mi.UInt32, (seed + order * 0x9E3779B9) & 0xFFFFFFFF)
         received = kernels.gathered(
-            lambda point: (light.eval(point), mi.Bool(False)),
+            lambda point: (light.at(point), mi.Bool(False)),
             source,
-            view.box,
-            view.centres,
-            view.to_camera,
-            view.to_lights,
-            rotation=kernels.uniform_pair(view.active, step_seed),
+            light.box,
+            voxels.centres,
+            voxels.to_camera,
+            voxels.view.to_lights,
+            step=voxels.view.box.voxel,
+            rotation=kernels.uniform_pair(voxels.active, step_seed),
             samples=self._samples,
             g=self._g,
             albedo=self._albedo,
@@ -87,14 +103,15 @@ class CachedTracer:
         dr.eval(received)
         return received
 
-    def _all_bounces(self, view: "_View", lit: Texture, *, seed: int) -> kernels.Six:
+    def _further_bounces(self, voxels: Voxels, first: kernels.Six, *, seed: int) -> kernels.Six:
         """Bounce after bounce until the rest is a geometric series whose sum is small, which is then added."""
-        newest = self._bounce(view, lit, kernels.sunlight, seed=seed, order=1)
-        total, tail = newest, 0.0
+        newest = total = first
+        tail = 0.0
         energy = all_energy = _energy(newest)
         for order in range(2, _MOST_BOUNCES + 1):
-            light = view.texture(newest)
-            newest = self._bounce(view, light, kernels.scattered_light, seed=seed, order=order)
+            newest = self._bounce(
+                voxels, voxels.field(voxels.sharpened(newest)), kernels.scattered_light, seed=seed, order=order
+            )
             total = [a + b for a, b in zip(total, newest, strict=True)]
             dr.eval(total)  # else the sum would grow into a kernel of its own for every number of bounces
             previous, energy = energy, _energy(newest)
@@ -106,13 +123,13 @@ class CachedTracer:
         rest = dr.opaque(mi.Float, tail)
         return [a + rest * b for a, b in zip(total, newest, strict=True)]
 
-    def _look(self, view: "_View", lit: Texture, scattered: Texture | None) -> Float[np.ndarray, "h w 7"]:
-        origin, ray, offset = view.camera_rays()
+    def _look(self, view: View, lit: Field, scattered: Field | None) -> Float[np.ndarray, "h w 7"]:
+        origin, ray, offset = view.march_rays()
 
         def sample(point):
-            fields = lit.eval(point)
+            fields = lit.at(point)
             if scattered is not None:
-                fields = [*fields, *scattered.eval(point)[1:7]]
+                fields = [*fields, *scattered.at(point)[1:7]]
             return fields, fields[7] > 0.5
 
         def source(fields, phase):
@@ -131,98 +148,13 @@ class CachedTracer:
             albedo=self._albedo,
             cutoff=_CAMERA_CUTOFF,
         )
-        channels = [*(dr.pi * value for value in radiance), 1.0 - transmittance]
-        dr.eval(channels)  # in one kernel: each block_sum would march again
-        pixels = [dr.block_sum(value, _SUBPIXELS**2) / _SUBPIXELS**2 for value in channels]
-        dr.eval(pixels)
-        size = (view.camera.height_px, view.camera.width_px)
-        return np.stack([np.array(value, dtype=np.float32).reshape(size) for value in pixels], axis=-1)
+        return view.image([*(dr.pi * value for value in radiance), 1.0 - transmittance])
 
 
-class _View:
-    """One volume seen by one camera, on the device: where everything is, and textures over the grid."""
-
-    def __init__(self, extinction: Extinction, camera: Camera) -> None:
-        grid = extinction.grid
-        self.camera = camera
-        self.box = kernels.Box(
-            origin=_point(grid.origin_m), extent=_vector(grid.extent_m), voxel=dr.opaque(mi.Float, grid.voxel_size_m)
-        )
-        self.to_lights = [_vector(camera.to_world(TO_LIGHT[name])) for name in DIRECTIONS]
-        self._shape = grid.shape_zyx
-        self._sigma_t = mi.Float(_aligned(extinction.sigma_t))
-        self._solid = mi.Float(_aligned(extinction.solid))
-        self.sigma_t = kernels.grid_texture(mi.TensorXf(self._sigma_t, (*grid.shape_zyx, 1)))
-        active = np.flatnonzero(reached(extinction.sigma_t))
-        self.active = mi.UInt32(_aligned(active.astype(np.uint32)))
-        z, y, x = np.unravel_index(active, grid.shape_zyx)
-        self.centres = mi.Point3f(
-            *(
-                mi.Float(_aligned(((index + 0.5) * grid.voxel_size_m + origin).astype(np.float32)))
-                for index, origin in zip((x, y, z), grid.origin_m, strict=True)
-            )
-        )
-        self._eye = _point(camera.position_m)
-        self._backward = _vector(camera.to_viewer)
-        self._is_pinhole = dr.opaque(mi.Float, float(camera.kind == "perspective"))
-
-    @property
-    def to_camera(self):
-        """Unit vectors from the voxels towards the camera."""
-        to_eye = dr.normalize(self._eye - self.centres)
-        return dr.select(self._is_pinhole > 0.5, to_eye, self._backward)
-
-    def texture(self, six: kernels.Six) -> Texture:
-        """A texture of sigma_t, six values per active voxel, and the solid fraction."""
-        dr.eval(six)  # in one kernel: each scatter below would run its own
-        values = dr.zeros(mi.Float, int(np.prod(self._shape)) * _CHANNELS)
-        every = dr.arange(mi.UInt32, int(np.prod(self._shape))) * _CHANNELS
-        dr.scatter(values, self._sigma_t, every)
-        dr.scatter(values, self._solid, every + 7)
-        for channel, value in enumerate(six, start=1):
-            dr.scatter(values, value, self.active * _CHANNELS + channel)
-        return kernels.grid_texture(mi.TensorXf(values, (*self._shape, _CHANNELS)))
-
-    def camera_rays(self):
-        """Origins, unit vectors and march offsets of the sub-pixels; those of a pixel stand together.
-
-        As `Camera.rays`, at the centres of a regular 4 x 4 division of every pixel. The offsets of a pixel's
-        rays divide the step into sixteen, in an order that does not follow the rows.
-        """
-        camera, n = self.camera, _SUBPIXELS
-        index = dr.arange(mi.UInt32, camera.width_px * camera.height_px * n * n)
-        sub, pixel = index % (n * n), index // (n * n)
-        width = dr.opaque(mi.UInt32, camera.width_px)
-        column, row = mi.Float(pixel % width), mi.Float(pixel // width)
-        u = (column + (mi.Float(sub % n) + 0.5) / n) * dr.opaque(mi.Float, 2.0 / camera.width_px) - 1.0
-        v = 1.0 - (row + (mi.Float(sub // n) + 0.5) / n) * dr.opaque(mi.Float, 2.0 / camera.height_px)
-        right, up, _ = camera.basis
-        on_plane = _vector(right * camera.half_width_m) * u + _vector(up * camera.half_height_m) * v
-        origin = self._eye + (1.0 - self._is_pinhole) * on_plane
-        forward = self._is_pinhole * on_plane - _vector(camera.basis[2] * camera.distance_m)
-        offset = (mi.Float((sub * 7) % (n * n)) + 0.5) / (n * n)
-        return origin, dr.normalize(forward), offset
-
-
-def _aligned(array: np.ndarray) -> np.ndarray:
-    """A flat copy that starts at a multiple of 64 bytes.
-
-    Dr.Jit uses NumPy's memory as it is, and compiles one kernel for aligned and another for other loads.
-    """
-    raw = np.empty(array.nbytes + 64, np.uint8)
-    start = -raw.ctypes.data % 64
-    copy = raw[start : start + array.nbytes].view(array.dtype)
-    copy[:] = array.ravel()
-    return copy
+def _coarsening(extinction: Extinction, largest_optical_depth: float) -> int:
+    thickest = float(extinction.sigma_t.max()) * extinction.grid.voxel_size_m
+    return next(factor for factor in (4, 2, 1) if factor == 1 or factor * thickest <= largest_optical_depth)
 
 
 def _energy(six: kernels.Six) -> float:
     return sum(float(dr.sum(value)[0]) for value in six)
-
-
-def _vector(xyz: Vector | np.ndarray) -> Any:
-    return mi.Vector3f(*(dr.opaque(mi.Float, float(value)) for value in xyz))
-
-
-def _point(xyz: Vector) -> Any:
-    return mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in xyz))

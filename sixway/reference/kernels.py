@@ -84,8 +84,9 @@ def march(sample: Callable, source: Source, box: Box, origin, direction, phase: 
 
     L_k = sum_n T_{n-1} (1 - exp(-sigma_t h)) albedo source_k,  T_n = T_{n-1} exp(-sigma_t h)
 
-    sample(point in [0, 1]^3) -> fields, fields[0] = sigma_t [1/m], and whether the ray ends there.
-    offset: where in its step, [0, 1), each ray looks. step: h [m]. Rays end below the transmittance `cutoff`.
+    sample(world point) -> fields, fields[0] = sigma_t [1/m], and whether the ray ends there.
+    offset: where in its step, [0, 1), each ray looks. step: h [m]. The step that takes the transmittance
+    below `cutoff` counts as opaque: to end there without it would lose light at every bounce.
     """
     near, far = box.span(origin, direction)
     distance = near + offset * step
@@ -93,18 +94,20 @@ def march(sample: Callable, source: Source, box: Box, origin, direction, phase: 
     radiance = [mi.Float(0) for _ in range(6)]
     active = distance < far
     while active:
-        fields, blocked = sample(box.to_texture(origin + distance * direction))
-        passed = dr.select(blocked, 1.0, dr.exp(-fields[0] * step))
+        fields, blocked = sample(origin + distance * direction)
+        passed = dr.exp(-fields[0] * step)
+        passed = dr.select(transmittance * passed < cutoff, 0.0, passed)
+        passed = dr.select(blocked, 1.0, passed)
         weight = transmittance * (1.0 - passed) * albedo
-        radiance = _add(radiance, weight, source(fields, phase))
+        radiance = add_weighted(radiance, weight, source(fields, phase))
         transmittance *= passed
         distance += step
-        active = (distance < far) & (transmittance > cutoff) & ~blocked
+        active = (distance < far) & (transmittance > 0.0) & ~blocked
     return radiance, transmittance
 
 
 @dr.syntax
-def gathered(sample, source: Source, box: Box, start, outgoing, to_lights, *, rotation, samples, g, albedo):
+def gathered(sample, source: Source, box: Box, start, outgoing, to_lights, *, step, rotation, samples, g, albedo):
     """In-scattered radiance at each point: the mean over `samples` directions of what arrives there.
 
     Directions follow the phase function around `outgoing` (unit vectors, the way the light leaves), so
@@ -127,11 +130,11 @@ def gathered(sample, source: Source, box: Box, start, outgoing, to_lights, *, ro
             ray,
             phase,
             offset=0.5,
-            step=box.voxel,
+            step=step,
             albedo=albedo,
             cutoff=_CUTOFF,
         )
-        total = _add(total, mi.Float(1), arriving)
+        total = add_weighted(total, mi.Float(1), arriving)
         index += 1
     return [value / mi.Float(samples) for value in total]
 
@@ -152,5 +155,5 @@ def sample_henyey_greenstein(u, v, g):
     return mi.Vector3f(sine * cos_phi, sine * sin_phi, cosine)
 
 
-def _add(total: Six, weight, values: Six) -> Six:
+def add_weighted(total: Six, weight, values: Six) -> Six:
     return [dr.fma(weight, value, sum_) for value, sum_ in zip(values, total, strict=True)]

@@ -8,14 +8,15 @@ from jaxtyping import Bool, Float
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame, Medium
 
-
 _EMPTY_OPTICAL_DEPTH = 1e-6
 """A voxel thinner than this counts as empty: advected smoke trails off over half the box without being seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extinction:
-    """sigma_t and solid: [z, y, x] float32, extinction [1/m] and solid fraction; `grid`: where they are.
+    """sigma_t, solid, emission: [z, y, x] float32, extinction [1/m], solid fraction, emitted radiance [1/m].
+
+    `grid` says where they are.
 
     The outermost voxels are empty. Interpolation between voxel centres then falls to zero inside the
     grid, keeps the mass of every voxel, and never meets a sharp edge at the box's face.
@@ -23,6 +24,7 @@ class Extinction:
 
     sigma_t: Float[np.ndarray, "z y x"]
     solid: Float[np.ndarray, "z y x"]
+    emission: Float[np.ndarray, "z y x"]
     grid: Grid
 
 
@@ -37,11 +39,25 @@ def cropped(frame: DensityFrame, medium: Medium) -> Extinction | None:
 
     Voxels thinner than `_EMPTY_OPTICAL_DEPTH` are no smoke: through 100 of them, 1e-4 of the light is lost.
     """
-    matters = frame.density * (medium.extinction_per_m * frame.grid.voxel_size_m) > _EMPTY_OPTICAL_DEPTH
+    return _cut_around(frame, medium, _is_smoke(frame, medium))
+
+
+def cropped_to_fire(frame: DensityFrame, medium: Medium) -> Extinction | None:
+    """The part that holds fire, smoke or obstacles, with one empty voxel around it; None without fire."""
+    if frame.emission is None or not frame.emission.any():
+        return None
+    return _cut_around(frame, medium, (frame.emission > 0.0) | _is_smoke(frame, medium))
+
+
+def _is_smoke(frame: DensityFrame, medium: Medium) -> Bool[np.ndarray, "z y x"]:
+    return frame.density * (medium.extinction_per_m * frame.grid.voxel_size_m) > _EMPTY_OPTICAL_DEPTH
+
+
+def _cut_around(frame: DensityFrame, medium: Medium, matters: Bool[np.ndarray, "z y x"]) -> Extinction | None:
     if not matters.any():
         return None
     if frame.obstacle is not None:
-        matters |= frame.obstacle > 0.0  # a solid in front of the smoke hides it
+        matters = matters | (frame.obstacle > 0.0)  # a solid in front of the smoke hides it
     lower, upper = [], []
     for axis in range(3):
         others = tuple(other for other in range(3) if other != axis)
@@ -49,6 +65,27 @@ def cropped(frame: DensityFrame, medium: Medium) -> Extinction | None:
         lower.append(int(filled[0]))
         upper.append(int(filled[-1]) + 1)
     return _cut(frame, medium, lower=(lower[0], lower[1], lower[2]), upper=(upper[0], upper[1], upper[2]))
+
+
+def coarsened(extinction: Extinction, factor: int) -> Extinction:
+    """The means over blocks of factor^3 voxels, with one empty block around them."""
+    if factor == 1:
+        return extinction
+    grid = extinction.grid
+    ends = [(factor, factor + -size % factor) for size in grid.shape_zyx]
+    x, y, z = (origin - factor * grid.voxel_size_m for origin in grid.origin_m)
+    sigma_t, solid, emission = (
+        _block_means(np.pad(field, ends), factor)
+        for field in (extinction.sigma_t, extinction.solid, extinction.emission)
+    )
+    depth, height, width = sigma_t.shape
+    coarse = Grid(shape_zyx=(depth, height, width), voxel_size_m=factor * grid.voxel_size_m, origin_m=(x, y, z))
+    return Extinction(sigma_t=sigma_t, solid=solid, emission=emission, grid=coarse)
+
+
+def _block_means(values: Float[np.ndarray, "z y x"], factor: int) -> Float[np.ndarray, "z2 y2 x2"]:
+    z, y, x = (size // factor for size in values.shape)
+    return values.reshape(z, factor, y, factor, x, factor).mean(axis=(1, 3, 5))
 
 
 def reached(sigma_t: Float[np.ndarray, "z y x"]) -> Bool[np.ndarray, "z y x"]:
@@ -70,8 +107,9 @@ def _cut(
     sigma_t = np.pad(frame.density[window] * np.float32(medium.extinction_per_m), 1)
     sigma_t[sigma_t * frame.grid.voxel_size_m <= _EMPTY_OPTICAL_DEPTH] = 0.0
     solid = np.zeros_like(sigma_t) if frame.obstacle is None else np.pad(frame.obstacle[window], 1)
+    emission = np.zeros_like(sigma_t) if frame.emission is None else np.pad(frame.emission[window], 1)
     size = frame.grid.voxel_size_m
     x, y, z = (o + (low - 1) * size for o, low in zip(frame.grid.origin_m, reversed(lower), strict=True))
     depth, height, width = sigma_t.shape
     grid = Grid(shape_zyx=(depth, height, width), voxel_size_m=size, origin_m=(x, y, z))
-    return Extinction(sigma_t=sigma_t, solid=solid, grid=grid)
+    return Extinction(sigma_t=sigma_t, solid=solid, emission=emission, grid=grid)

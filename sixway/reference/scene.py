@@ -4,6 +4,7 @@ import math
 
 import mitsuba as mi
 import numpy as np
+from jaxtyping import Float
 
 from sixway.core.conventions import TO_LIGHT
 from sixway.core.frames import Camera, Grid
@@ -21,33 +22,13 @@ class SmokeScene:
 
     def __init__(self, grid: Grid, camera: Camera, medium: Medium) -> None:
         self.key = scene_key(grid, camera)
-        transform = mi.ScalarTransform4f
-        centre, half = list(grid.centre_m), [0.5 * edge for edge in grid.extent_m]
-        empty = mi.VolumeGrid(np.zeros((*grid.shape_zyx, 1), np.float32))
+        empty = np.zeros(grid.shape_zyx, np.float32)
         self.scene = mi.load_dict(
             {
                 "type": "scene",
-                "sensor": _sensor(camera),
+                "sensor": sensor(camera),
                 "light": {"type": "directional", "irradiance": 1.0},
-                "box": {
-                    "type": "cube",
-                    "to_world": transform().translate(centre) @ transform().scale(half),
-                    "bsdf": {"type": "null"},
-                    "interior": {
-                        "type": "heterogeneous",
-                        "sigma_t": {
-                            "type": "gridvolume",
-                            "grid": empty,
-                            "to_world": transform().translate(list(grid.origin_m))
-                            @ transform().scale(list(grid.extent_m)),
-                            "filter_type": "trilinear",
-                            "wrap_mode": "clamp",
-                            "raw": True,
-                        },
-                        "albedo": {"type": "constvolume", "value": medium.albedo},
-                        "phase": {"type": "hg", "g": medium.hg_g},
-                    },
-                },
+                "box": smoke_box(empty, grid, medium),
             }
         )
         self._parameters = mi.traverse(self.scene)
@@ -76,8 +57,33 @@ def scene_key(grid: Grid, camera: Camera) -> tuple[Grid, str, int, int]:
     return grid, camera.kind, camera.width_px, camera.height_px
 
 
-def _sensor(camera: Camera) -> dict:
-    sensor = {
+def smoke_box(sigma_t: Float[np.ndarray, "z y x"], grid: Grid, medium: Medium) -> dict:
+    """A box without a surface, full of smoke of that extinction [1/m]."""
+    transform = mi.ScalarTransform4f
+    centre, half = list(grid.centre_m), [0.5 * edge for edge in grid.extent_m]
+    return {
+        "type": "cube",
+        "to_world": transform().translate(centre) @ transform().scale(half),
+        "bsdf": {"type": "null"},
+        "interior": {
+            "type": "heterogeneous",
+            "sigma_t": {
+                "type": "gridvolume",
+                "grid": mi.VolumeGrid(sigma_t[..., None]),
+                "to_world": transform().translate(list(grid.origin_m)) @ transform().scale(list(grid.extent_m)),
+                "filter_type": "trilinear",
+                "wrap_mode": "clamp",
+                "raw": True,
+            },
+            "albedo": {"type": "constvolume", "value": medium.albedo},
+            "phase": {"type": "hg", "g": medium.hg_g},
+        },
+    }
+
+
+def sensor(camera: Camera) -> dict:
+    """The camera as Mitsuba's sensor of one luminance channel."""
+    description = {
         "type": camera.kind if camera.kind == "orthographic" else "perspective",
         "to_world": _pose(camera),
         "near_clip": 1e-3 * camera.distance_m,
@@ -93,8 +99,8 @@ def _sensor(camera: Camera) -> dict:
         "sampler": {"type": "independent"},
     }
     if camera.kind == "perspective":
-        sensor |= {"fov": _x_fov_deg(camera), "fov_axis": "x"}
-    return sensor
+        description |= {"fov": _x_fov_deg(camera), "fov_axis": "x"}
+    return description
 
 
 def _pose(camera: Camera) -> "mi.ScalarTransform4f":

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from sixway.core.conventions import ADAPTER_PAIRS, DIRECTIONS, LIGHTMAP_CHANNELS, OPPOSITE, TO_LIGHT
 from sixway.core.frames import Camera, Grid
+from sixway.core.records import DensityFrame
 
 GRID = Grid.centred((8, 12, 10), longest_edge_m=2.0)
 
@@ -77,3 +78,33 @@ def test_no_view_crops_the_volume(kind: str, size: tuple[int, int]) -> None:
 def test_impossible_cameras_are_refused(bad: dict) -> None:
     with pytest.raises(ValueError, match="pitch|field of view|at least 1"):
         Camera.around(GRID, **bad)
+
+
+@pytest.mark.parametrize("kind", ["orthographic", "perspective"])
+def test_a_placed_camera_stands_where_it_is_told(kind: str) -> None:
+    around = Camera.around(GRID, kind=kind, yaw_deg=40.0, pitch_deg=20.0, fov_deg=50.0, width_px=30, height_px=40)
+    place = {"position_m": around.position_m, "target_m": around.target_m, "width_px": 30, "height_px": 40}
+    if kind == "perspective":
+        placed = Camera.perspective(**place, fov_deg=50.0)
+    else:
+        placed = Camera.orthographic(**place, size_m=2.0 * around.half_width_m)
+    for ours, theirs in zip(placed.rays(), around.rays(), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-9)
+
+
+def test_up_rolls_a_placed_camera() -> None:
+    camera = Camera.perspective(position_m=(0.0, 0.0, 3.0), target_m=(0.0, 0.0, 0.0), up=(-2.0, 0.0, 0.5))
+    np.testing.assert_allclose(camera.basis, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
+
+
+@pytest.mark.parametrize("bad", [{"position_m": (0.0, 0.0, 0.0)}, {"up": (0.0, 0.0, 1.0)}, {"up": (0.0, 0.0, 0.0)}])
+def test_a_camera_that_cannot_tell_right_is_refused(bad: dict) -> None:
+    with pytest.raises(ValueError, match="no direction to the right"):
+        Camera.orthographic(**{"position_m": (0.0, 0.0, 3.0), "target_m": (0.0, 0.0, 0.0)} | bad)
+
+
+def test_emission_is_checked_as_density_is() -> None:
+    density = np.zeros(GRID.shape_zyx, np.float32)
+    assert DensityFrame(density=density, grid=GRID).emission is None
+    with pytest.raises(ValueError, match="emission"):
+        DensityFrame(density=density, grid=GRID, emission=density - 1.0)

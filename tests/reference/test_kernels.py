@@ -19,7 +19,9 @@ def _kernels_of(trace) -> set[str]:
         return {entry["hash"] for entry in dr.kernel_history((dr.KernelType.JIT,))}
 
 
-@pytest.mark.parametrize(("method", "bounces"), [("cached", "paper"), ("cached", "multi"), ("stock", "paper")])
+@pytest.mark.parametrize(
+    ("method", "bounces"), [("cached", "paper"), ("cached", "multi"), ("path", "multi"), ("stock", "paper")]
+)
 def test_new_frames_seeds_and_poses_run_compiled_kernels(device: str, method: str, bounces: Bounces) -> None:
     config = ReferenceConfig(method=method, bounces=bounces, samples=4)
     tracer = LightmapTracer(config, Medium(extinction_per_m=9.0), device=device)

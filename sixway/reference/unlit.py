@@ -1,4 +1,4 @@
-"""Alpha of every pixel by a march in plain NumPy, for renderers whose film keeps none."""
+"""What needs no light, by a march in plain NumPy: alpha and fire, for renderers whose film keeps neither."""
 
 import numpy as np
 from jaxtyping import Float
@@ -10,8 +10,11 @@ _STEP_VOXELS = 0.5
 _SUBPIXELS = 2
 
 
-def march_alpha(extinction: Extinction, camera: Camera) -> Float[np.ndarray, "h w"]:
-    """1 - exp(-optical depth) along the camera's rays, the mean of 2 x 2 points of every pixel, float32."""
+def march_unlit(extinction: Extinction, camera: Camera) -> Float[np.ndarray, "h w 2"]:
+    """Alpha, 1 - exp(-optical depth), and emissive along the camera's rays, the mean of 2 x 2 points of every pixel.
+
+    emissive = sum over the steps of T eps (1 - exp(-sigma_t h)) / sigma_t; float32.
+    """
     fine = camera.resized(camera.width_px * _SUBPIXELS, camera.height_px * _SUBPIXELS)
     origins, rays = (vectors.reshape(-1, 3) for vectors in fine.rays())
     grid = extinction.grid
@@ -21,17 +24,22 @@ def march_alpha(extinction: Extinction, camera: Camera) -> Float[np.ndarray, "h 
     enter = np.maximum(np.nanmax(np.minimum(near, far), axis=1), 0.0)
     leave = np.nanmin(np.maximum(near, far), axis=1)
     step = _STEP_VOXELS * grid.voxel_size_m
-    depth = np.zeros(len(rays))
+    depth, emissive = np.zeros(len(rays)), np.zeros(len(rays))
+    burns = extinction.emission.any()
     hit = np.flatnonzero(leave > enter)
     distance = enter[hit] + 0.5 * step
     while hit.size:
-        points = origins[hit] + distance[:, None] * rays[hit]
-        depth[hit] += step * _interpolate(extinction.sigma_t, (points - lower) / grid.voxel_size_m - 0.5)
+        points = (origins[hit] + distance[:, None] * rays[hit] - lower) / grid.voxel_size_m - 0.5
+        thickness = step * _interpolate(extinction.sigma_t, points)
+        if burns:
+            slab = np.where(thickness > 1e-8, -np.expm1(-thickness) / np.maximum(thickness, 1e-8), 1.0)
+            emissive[hit] += np.exp(-depth[hit]) * step * slab * _interpolate(extinction.emission, points)
+        depth[hit] += thickness
         distance = distance + step
         inside = distance < leave[hit]
         hit, distance = hit[inside], distance[inside]
-    alpha = 1.0 - np.exp(-depth)
-    blocks = alpha.reshape(camera.height_px, _SUBPIXELS, camera.width_px, _SUBPIXELS)
+    both = np.stack([1.0 - np.exp(-depth), emissive], axis=-1)
+    blocks = both.reshape(camera.height_px, _SUBPIXELS, camera.width_px, _SUBPIXELS, 2)
     return blocks.mean(axis=(1, 3)).astype(np.float32)
 
 

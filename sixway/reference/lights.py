@@ -1,0 +1,140 @@
+"""Lights and solids around the smoke, for pictures under any light: records that check themselves."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sixway.core.frames import Vector
+
+Colour = tuple[float, float, float]
+"""Linear RGB, finite and >= 0."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionalLight:
+    """A sun. to_light: unit vector from the smoke towards it, CAMERA frame (z towards the viewer).
+
+    colour: a white Lambertian facing the light shows it (irradiance pi * colour), as in `sixway.shading.light`.
+    """
+
+    to_light: Vector
+    colour: Colour = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        _check_unit("to_light", self.to_light)
+        _check_colour("colour", self.colour)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointLight:
+    """A lamp of no size. position_m: world. intensity: radiant intensity per steradian, RGB."""
+
+    position_m: Vector
+    intensity: Colour
+
+    def __post_init__(self) -> None:
+        _check_finite("position_m", self.position_m)
+        _check_colour("intensity", self.intensity)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpotLight:
+    """A lamp with a cone. towards: unit vector of its axis, world, the way the light travels.
+
+    intensity: on the axis, per steradian, RGB. Up to `beam_deg` from the axis it is full, from there to
+    `cutoff_deg` it falls linearly with the angle to zero.
+    """
+
+    position_m: Vector
+    towards: Vector
+    intensity: Colour
+    cutoff_deg: float = 20.0
+    beam_deg: float = 15.0
+
+    def __post_init__(self) -> None:
+        _check_finite("position_m", self.position_m)
+        _check_unit("towards", self.towards)
+        _check_colour("intensity", self.intensity)
+        if not 0.0 <= self.beam_deg < self.cutoff_deg < 90.0:
+            raise ValueError(
+                f"spot of beam {self.beam_deg} deg and cutoff {self.cutoff_deg} deg needs 0 <= beam < cutoff < 90"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstantEnvironment:
+    """The same radiance from everywhere, RGB. It lights the smoke and is not seen behind it."""
+
+    radiance: Colour
+
+    def __post_init__(self) -> None:
+        _check_colour("radiance", self.radiance)
+
+
+Light = DirectionalLight | PointLight | SpotLight | ConstantEnvironment
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere:
+    """A black ball in the world."""
+
+    centre_m: Vector
+    radius_m: float
+
+    def __post_init__(self) -> None:
+        _check_finite("centre_m", self.centre_m)
+        _check_size("radius_m", self.radius_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinder:
+    """A black cylinder with closed ends between two world points on its axis."""
+
+    start_m: Vector
+    end_m: Vector
+    radius_m: float
+
+    def __post_init__(self) -> None:
+        _check_finite("start_m", self.start_m)
+        _check_finite("end_m", self.end_m)
+        _check_size("length_m", math.dist(self.start_m, self.end_m))
+        _check_size("radius_m", self.radius_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """A black box, its edges along the world's axes. size_m: edges along x, y, z."""
+
+    centre_m: Vector
+    size_m: Vector
+
+    def __post_init__(self) -> None:
+        _check_finite("centre_m", self.centre_m)
+        for edge in self.size_m:
+            _check_size("size_m", edge)
+
+
+Obstacle = Sphere | Cylinder | Box
+
+
+def _check_finite(name: str, vector: Vector) -> None:
+    if len(vector) != 3 or not all(map(math.isfinite, vector)):
+        raise ValueError(f"{name} {vector} must be three finite numbers")
+
+
+def _check_unit(name: str, vector: Vector) -> None:
+    _check_finite(name, vector)
+    length = float(np.linalg.norm(vector))
+    if abs(length - 1.0) > 1e-4:
+        raise ValueError(f"{name} {vector} has length {length:g}; it must be a unit vector")
+
+
+def _check_size(name: str, size_m: float) -> None:
+    if not (math.isfinite(size_m) and size_m > 0.0):
+        raise ValueError(f"{name} {size_m} m must be positive and finite")
+
+
+def _check_colour(name: str, colour: Colour) -> None:
+    if len(colour) != 3 or not all(math.isfinite(c) and c >= 0.0 for c in colour):
+        raise ValueError(f"{name} {colour} must be three finite numbers >= 0")

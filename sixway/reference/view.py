@@ -1,0 +1,111 @@
+"""One volume seen by one camera, on the device: where everything is, and rays through the pixels."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from jaxtyping import Float
+
+from sixway.core.conventions import DIRECTIONS, TO_LIGHT
+from sixway.core.frames import Camera, Vector
+from sixway.reference import kernels
+from sixway.reference.media import Extinction
+
+SUBPIXELS = 4
+"""Every pixel is looked at through a regular division into 4 x 4."""
+
+SIX_LIGHTS = tuple(TO_LIGHT[name] for name in DIRECTIONS)
+
+
+class View:
+    """What a march or a path needs to know; every number is opaque, so that no new one compiles a kernel.
+
+    to_lights: six unit vectors towards the lights in the CAMERA frame; the six maps need the six axes,
+    other sets serve audits such as the white furnace.
+    """
+
+    def __init__(self, extinction: Extinction, camera: Camera, to_lights: Sequence[Vector] = SIX_LIGHTS) -> None:
+        grid = extinction.grid
+        self.camera = camera
+        self.shape_zyx = grid.shape_zyx
+        self.box = kernels.Box(
+            origin=_point(grid.origin_m), extent=_vector(grid.extent_m), voxel=dr.opaque(mi.Float, grid.voxel_size_m)
+        )
+        self.to_lights = [_vector(camera.to_world(to_light)) for to_light in to_lights]
+        self.sigma_t = grid_on_device(extinction.sigma_t)
+        self._eye = _point(camera.position_m)
+        self._backward = _vector(camera.to_viewer)
+        self._is_pinhole = dr.opaque(mi.Float, float(camera.kind == "perspective"))
+        right, up, _ = camera.basis
+        self._right, self._up = _vector(right * camera.half_width_m), _vector(up * camera.half_height_m)
+        self._forward = _vector(-camera.basis[2] * camera.distance_m)
+        self._width = dr.opaque(mi.UInt32, camera.width_px)
+        self._pixel_u = dr.opaque(mi.Float, 2.0 / camera.width_px)
+        self._pixel_v = dr.opaque(mi.Float, 2.0 / camera.height_px)
+
+    def to_camera(self, points):
+        """Unit vectors from world points towards the camera."""
+        return dr.select(self._is_pinhole > 0.5, dr.normalize(self._eye - points), self._backward)
+
+    def rays(self, x_px, y_px):
+        """Origins and unit vectors of the camera rays through points of the image, in pixels from its top left."""
+        u, v = x_px * self._pixel_u - 1.0, 1.0 - y_px * self._pixel_v
+        on_plane = self._right * u + self._up * v
+        return self._eye + (1.0 - self._is_pinhole) * on_plane, dr.normalize(
+            self._is_pinhole * on_plane + self._forward
+        )
+
+    def subpixels(self):
+        """Upper left corner [px] of the sub-pixels, those of a pixel together, and their number in the pixel."""
+        count = SUBPIXELS * SUBPIXELS
+        index = dr.arange(mi.UInt32, self.camera.width_px * self.camera.height_px * count)
+        sub, pixel = index % count, index // count
+        x = mi.Float(pixel % self._width) + mi.Float(sub % SUBPIXELS) / SUBPIXELS
+        y = mi.Float(pixel // self._width) + mi.Float(sub // SUBPIXELS) / SUBPIXELS
+        return x, y, sub
+
+    def march_rays(self):
+        """Origins, unit vectors and march offsets of rays through the sub-pixels' centres.
+
+        The offsets of a pixel's rays divide the step into sixteen, in an order that does not follow the rows.
+        """
+        count = SUBPIXELS * SUBPIXELS
+        x, y, sub = self.subpixels()
+        origin, ray = self.rays(x + 0.5 / SUBPIXELS, y + 0.5 / SUBPIXELS)
+        return origin, ray, (mi.Float((sub * 7) % count) + 0.5) / count
+
+    def image(self, channels: list) -> Float[np.ndarray, "h w c"]:
+        """The mean over every pixel's sub-pixels, one channel per array, float32."""
+        dr.eval(channels)  # in one kernel: each block_sum would compute everything again
+        pixels = [dr.block_sum(value, SUBPIXELS**2) / SUBPIXELS**2 for value in channels]
+        dr.eval(pixels)
+        size = (self.camera.height_px, self.camera.width_px)
+        return np.stack([np.array(value, dtype=np.float32).reshape(size) for value in pixels], axis=-1)
+
+
+def grid_on_device(*fields: Float[np.ndarray, "z y x"]) -> Any:
+    """A texture with one channel per field."""
+    shape = (*fields[0].shape, len(fields))
+    return kernels.grid_texture(mi.TensorXf(mi.Float(aligned(np.stack(fields, axis=-1))), shape))
+
+
+def aligned(array: np.ndarray) -> np.ndarray:
+    """A flat copy that starts at a multiple of 64 bytes.
+
+    Dr.Jit uses NumPy's memory as it is, and compiles one kernel for aligned and another for other loads.
+    """
+    raw = np.empty(array.nbytes + 64, np.uint8)
+    start = -raw.ctypes.data % 64
+    copy = raw[start : start + array.nbytes].view(array.dtype)
+    copy[:] = array.ravel()
+    return copy
+
+
+def _vector(xyz: Vector | np.ndarray) -> Any:
+    return mi.Vector3f(*(dr.opaque(mi.Float, float(value)) for value in xyz))
+
+
+def _point(xyz: Vector) -> Any:
+    return mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in xyz))

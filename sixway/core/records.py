@@ -30,7 +30,8 @@ class DensityFrame:
     """Smoke at one moment. density: [z, y, x] float32, >= 0, unitless; `Medium` gives it extinction.
 
     velocity_m_s: the wind on a grid that may be coarser, [z', y', x', 3] (x, y, z components) over the
-    same box, or None. obstacle: [z, y, x] float32 in [0, 1], the solid fraction, or None.
+    same box, or None. obstacle: [z, y, x] float32 in [0, 1], the solid fraction, or None. emission:
+    [z, y, x] float32 >= 0, radiance that fire adds a metre along a ray [1/m], or None.
     Raises ValueError for wrong shapes, NaN, or negative density.
     """
 

@@ -22,7 +22,7 @@ _NODE_COUNTS, _VOXEL_COUNT = 704, 728  # offsets of TreeData's counts: nodes and
 
 
 def write_nanovdb(path: Path, frame: DensityFrame) -> None:
-    """Write the density of a frame atomically, zip codec; velocity, obstacle and time are left out."""
+    """Write the density of a frame atomically, zip codec; all else is left out."""
     z, y, x = frame.density.shape
     edge = frame.grid.voxel_size_m
     volume = wp.Volume.load_from_numpy(

@@ -42,6 +42,8 @@ def write_npz(path: Path, frame: DensityFrame) -> None:
         arrays["velocity_m_s"] = frame.velocity_m_s
     if frame.obstacle is not None:
         arrays["obstacle"] = frame.obstacle
+    if frame.emission is not None:
+        arrays["emission"] = frame.emission
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
@@ -83,6 +85,7 @@ def read_npz(path: Path) -> DensityFrame:
             time_s=float(held.get("time_s", 0.0)),
             velocity_m_s=_optional(held.get("velocity_m_s")),
             obstacle=_optional(held.get("obstacle")),
+            emission=_optional(held.get("emission")),
         )
     except VolumeError:
         raise

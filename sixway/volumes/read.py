@@ -111,4 +111,5 @@ def z_up_to_y_up(frame: DensityFrame) -> DensityFrame:
         time_s=frame.time_s,
         velocity_m_s=velocity,
         obstacle=None if frame.obstacle is None else turned(frame.obstacle),
+        emission=None if frame.emission is None else turned(frame.emission),
     )

@@ -64,7 +64,7 @@ def open_sequence(
 
 
 def placed(frame: DensityFrame, grid: Grid) -> DensityFrame:
-    """The frame's density and obstacles in a larger box, moved by whole voxels; its wind stays behind."""
+    """The frame's density, obstacles and fire in a larger box, moved by whole voxels; its wind stays behind."""
     if frame.grid == grid:
         return frame
     first = [round((a - b) / grid.voxel_size_m) for a, b in zip(frame.grid.origin_m, grid.origin_m, strict=True)]
@@ -84,6 +84,7 @@ def placed(frame: DensityFrame, grid: Grid) -> DensityFrame:
         grid=grid,
         time_s=frame.time_s,
         obstacle=None if frame.obstacle is None else moved(frame.obstacle),
+        emission=None if frame.emission is None else moved(frame.emission),
     )
 
 

@@ -23,7 +23,7 @@ _NOTHING_STORED = b"\0" + struct.pack("<q", 0)  # all inactive values are backgr
 
 
 def write_vdb(path: Path, frame: DensityFrame) -> None:
-    """Write the density of a frame atomically; velocity, obstacle and time are left out.
+    """Write the density of a frame atomically; all else is left out.
 
     Voxel (0, 0, 0) is the frame's first one. Active are voxels with density and the two at the far corners
     of the box, so that the active box is the frame's box in every frame of a sequence.

@@ -26,12 +26,13 @@ def test_npz_round_trip_is_exact(tmp_path: Path, rng) -> None:
         time_s=1.25,
         velocity_m_s=rng.random((2, 2, 3, 3), dtype=np.float32),
         obstacle=rng.random((4, 5, 6), dtype=np.float32),
+        emission=rng.random((4, 5, 6), dtype=np.float32),
     )
     write_npz(tmp_path / "a.npz", frame)
     back = read_volume(tmp_path / "a.npz")
     assert back.grid == frame.grid
     assert back.time_s == 1.25
-    for name in ("density", "velocity_m_s", "obstacle"):
+    for name in ("density", "velocity_m_s", "obstacle", "emission"):
         np.testing.assert_array_equal(getattr(back, name), getattr(frame, name))
 
 

@@ -78,7 +78,8 @@ def test_generate_dry_run_tells_the_cost_and_writes_nothing(run: Callable, tiny_
 
 def test_train_dry_run_plans_and_writes_nothing(run: Callable, tiny_dataset, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    done = run("train", TRAINING, f"data={tiny_dataset.folder}", "train.lr=5e-4", "--run-dir", out, "--dry-run")
+    data = f"data={tiny_dataset.folder}"
+    done = run("train", TRAINING, data, "guide=six", "train.lr=5e-4", "--run-dir", out, "--dry-run")
     assert (done.status, done.err) == (0, "")
     assert "lr: 0.0005" in done.out and "8 training frames" in done.out and "parameters" in done.out
     assert "nothing was trained" in done.out

@@ -34,7 +34,8 @@ def check_size(source: str, shape_zyx: tuple[int, int, int]) -> None:
 def cubic_voxel(source: str, voxel_size: tuple[float, float, float]) -> float:
     """The one edge of a voxel; raises VolumeError if the three differ by more than 2 %."""
     smallest, largest = min(voxel_size), max(voxel_size)
-    if not (1e-30 < smallest and largest < 1e30 and largest / smallest <= 1.02):
+    # each by itself: min and max overlook a NaN
+    if not (all(1e-30 < edge < 1e30 for edge in voxel_size) and largest / smallest <= 1.02):
         raise VolumeError(f"{source}: voxels of {voxel_size} are not cubes; resample the grid to equal edges")
     if smallest == largest:
         return smallest

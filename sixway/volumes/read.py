@@ -46,6 +46,10 @@ def read_volume(path: Path, *, up: Up = "y", grid_name: str | None = None) -> De
                 known = " ".join(READABLE)
                 raise VolumeError(f"{path}: cannot read {suffix or 'files without a suffix'!r}; known: {known}")
         return frame if up == "y" else z_up_to_y_up(frame)
+    except VolumeError:
+        raise
+    except (ValueError, OverflowError) as error:  # a record or grid that refuses what a damaged file says
+        raise VolumeError(f"{path}: {error}; export the file again") from error
     except MemoryError as error:
         raise VolumeError(f"{path}: needs more memory than there is; crop or resample the grid") from error
 

@@ -11,7 +11,7 @@ import warp as wp
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
 from sixway.volumes.extinction import extinction_for_optical_depth
-from sixway.volumes.limits import VolumeError
+from sixway.volumes.limits import VolumeError, cubic_voxel
 from sixway.volumes.npz import read_npz, write_npz
 from sixway.volumes.read import find_volumes, read_volume, z_up_to_y_up
 
@@ -146,3 +146,12 @@ def test_npz_bomb_is_refused_before_memory_is_given(tmp_path: Path, monkeypatch:
     np.savez_compressed(tmp_path / "z.npz", density=np.zeros((32, 32, 32), np.float32))
     with pytest.raises(VolumeError, match="unpacks to"):
         read_npz(tmp_path / "z.npz")
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, -0.5])
+def test_a_voxel_edge_that_is_no_length_is_refused(place: int, bad: float) -> None:
+    edges = [0.5, 0.5, 0.5]
+    edges[place] = bad
+    with pytest.raises(VolumeError, match="are not cubes"):
+        cubic_voxel("a.nvdb", (edges[0], edges[1], edges[2]))

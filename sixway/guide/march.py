@@ -8,7 +8,7 @@ from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, GuideMap, Medium
 from sixway.guide import kernels
-from sixway.guide.bands import RowBands
+from sixway.bands import RowBands
 from sixway.guide.config import GuideConfig
 from sixway.guide.smoke import Smoke, upload
 from sixway.guide.sweep import sweep_lit

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int32
 
 from sixway.core.records import DensityFrame, Medium
 from sixway.guide import sweep_kernels
-from sixway.guide.bands import RowBands
+from sixway.bands import RowBands
 
 _EMPTY_OPTICAL_DEPTH = 1e-6
 """A voxel thinner than this counts as empty, as in the reference: advected smoke trails off over half the box."""

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from sixway.core.frames import Camera, Grid
 from sixway.core.records import Medium
 from sixway.guide import sweep_kernels
-from sixway.guide.bands import RowBands
+from sixway.bands import RowBands
 from sixway.guide.config import GuideConfig
 from sixway.guide.smoke import Smoke, box_average
 from sixway.guide.views import camera_arguments, to_light_in_world

@@ -4,11 +4,11 @@ import numpy as np
 import warp as wp
 from jaxtyping import Float
 
+from sixway.bands import RowBands
 from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, GuideMap, Medium
 from sixway.guide import kernels
-from sixway.bands import RowBands
 from sixway.guide.config import GuideConfig
 from sixway.guide.smoke import Smoke, upload
 from sixway.guide.sweep import sweep_lit

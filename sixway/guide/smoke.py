@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 from jaxtyping import Float, Int32
 
+from sixway.bands import RowBands
 from sixway.core.records import DensityFrame, Medium
 from sixway.guide import sweep_kernels
-from sixway.bands import RowBands
 
 _EMPTY_OPTICAL_DEPTH = 1e-6
 """A voxel thinner than this counts as empty, as in the reference: advected smoke trails off over half the box."""

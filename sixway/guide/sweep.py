@@ -10,10 +10,10 @@ import numpy as np
 import warp as wp
 from jaxtyping import Float
 
+from sixway.bands import RowBands
 from sixway.core.frames import Camera, Grid
 from sixway.core.records import Medium
 from sixway.guide import sweep_kernels
-from sixway.bands import RowBands
 from sixway.guide.config import GuideConfig
 from sixway.guide.smoke import Smoke, box_average
 from sixway.guide.views import camera_arguments, to_light_in_world

@@ -43,7 +43,7 @@ def load_config(model: type[Model], path: Path, overrides: Sequence[str] = ()) -
     problems = [problem for text in overrides if (problem := _override(tree, text, origins))]
     if problems:
         raise ConfigError("\n".join(problems))
-    return _validate(model, tree, source=str(path), origins=origins)
+    return _validate(model, tree, source=str(path), origins=origins, folder=path.parent)
 
 
 def parse_config(model: type[Model], values: Mapping[str, Any], *, source: str) -> Model:
@@ -105,14 +105,20 @@ def _child(node: Any, part: str) -> Any:
 
 
 def _validate(
-    model: type[Model], tree: Mapping[str, Any], *, source: str, origins: dict[tuple[str, ...], str]
+    model: type[Model],
+    tree: Mapping[str, Any],
+    *,
+    source: str,
+    origins: dict[tuple[str, ...], str],
+    folder: Path | None = None,
 ) -> Model:
+    """Fields that name files find the config's folder in their validation context."""
     try:
         plain = json.dumps(tree)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{source}: holds a value that is no number, text, list or mapping: {error}") from error
     try:
-        return model.model_validate_json(plain)
+        return model.model_validate_json(plain, context={"folder": folder})
     except ValidationError as error:
         lines = sorted({_describe(model, tree, problem, source=source, origins=origins) for problem in error.errors()})
         raise ConfigError("\n".join(lines)) from error

@@ -1,14 +1,22 @@
 """What a guide holds and how coarsely it is marched."""
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from sixway.core.config import Config
 from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Grid
 
 Direction = Literal["right", "left", "top", "bottom", "front", "back"]
+
+LIGHT_SETS: dict[str, tuple[Direction, ...]] = {
+    "front": ("front",),
+    "front_lr": ("right", "left", "front"),
+    "front_tb": ("front", "top", "bottom"),
+    "all": ("right", "left", "top", "bottom", "front", "back"),
+}
+"""Sets of surrogate lights that go by a name; `front_tb` is the paper's."""
 
 _MARCH_ONLY = {"steps_per_edge": 40, "weight": "exact"}
 """Options that only `lighting: march` reads, with their defaults."""
@@ -21,7 +29,7 @@ class GuideConfig(Config):
     """One guide; the defaults are the paper's. Raises ValueError for an option that the lighting does not read."""
 
     lights: tuple[Direction, ...] = Field(default=("front", "top", "bottom"), min_length=1)
-    """Surrogate lights."""
+    """Surrogate lights, or the name of one of `LIGHT_SETS`; a config holds the lights themselves."""
     sum_lights: bool = True
     """One ``in_scatter`` channel for all lights (the paper), or one channel a light, by its name."""
     lighting: Literal["march", "sweep"] = "march"
@@ -35,7 +43,7 @@ class GuideConfig(Config):
     """Step in voxels of the frame instead, as the paper counts (10 of a 400^3 grid). A sweep steps by one voxel of
     its mip where nothing is given."""
     light_grid: int = Field(default=64, ge=4, le=256)
-    """Of a sweep: cells of the light grid along the longest edge of the smoke."""
+    """Of a sweep: cells of the light grid along the longest edge of the volume."""
     light_samples: int = Field(default=12, ge=1, le=256)
     """Of a sweep: slabs along the box of the smoke. A slab also ends where it gets more opaque than one part in
     that many; each slab with smoke is lit once, weighted by its exact opacity, so there are at most twice as many
@@ -45,10 +53,24 @@ class GuideConfig(Config):
     camera. 1 is what a reference with bounces `paper` holds."""
     jitter: bool = True
     """Shift each ray's samples by a seeded part of a step, against banding."""
+    pixel_samples: Literal[1, 4] = 1
+    """4: pixels whose transmittance differs from a neighbour's by more than 0.3, such as those on the edge of an
+    obstacle, are the mean of 2 x 2 rays."""
+    emission: bool = False
+    """A channel ``emissive`` as a lightmap has it; 0 for a frame without fire."""
     vertical: Literal["camera_up", "world_up", "omega_cross_z"] = "camera_up"
     """What top and bottom mean; `omega_cross_z` is the printed form, undefined for a view along z."""
     weight: Literal["exact", "paper_literal"] = "exact"
     """Of a march: A_n = T_{n-1} (1 - exp(-sigma h)), or the printed T_{n-1} sigma, which lacks the step length."""
+
+    @field_validator("lights", mode="before")
+    @classmethod
+    def _lights_of_a_set(cls, lights: Any) -> Any:
+        if not isinstance(lights, str):
+            return tuple(lights) if isinstance(lights, list) else lights
+        if lights not in LIGHT_SETS:
+            raise ValueError(f"lights {lights!r} is no light set; use {', '.join(LIGHT_SETS)} or a list of directions")
+        return LIGHT_SETS[lights]
 
     @model_validator(mode="after")
     def _lights_once(self) -> Self:
@@ -73,7 +95,7 @@ class GuideConfig(Config):
     def channels(self) -> tuple[str, ...]:
         """Channels of the guide, in order."""
         lit = ("in_scatter",) if self.sum_lights else self.light_names
-        return (*lit, "transmittance", "depth")
+        return (*lit, "transmittance", "depth", *(("emissive",) if self.emission else ()))
 
     def step_m(self, grid: Grid) -> float:
         """The step length h [m] of a view ray in that grid."""

@@ -1,21 +1,26 @@
 """The guiding map: light in smoke from a few sides, cheaply (Algorithm 1, Eq. 6, or coarse sweeps)."""
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 import warp as wp
 from jaxtyping import Float
 
 from sixway.bands import RowBands
 from sixway.core.conventions import DIRECTIONS
-from sixway.core.frames import Camera
+from sixway.core.frames import Camera, Grid
 from sixway.core.records import DensityFrame, GuideMap, Medium
-from sixway.guide import kernels
+from sixway.guide import march_kernels, smoke_kernels, swept_march_kernels
 from sixway.guide.config import GuideConfig
+from sixway.guide.ray_kernels import Lanes
 from sixway.guide.smoke import Smoke, upload
-from sixway.guide.sweep import sweep_lit
-from sixway.guide.views import camera_arguments, normalised_depth, to_light_in_world
+from sixway.guide.sweep import lights_of
+from sixway.guide.views import normalised_depth, to_light_in_world, view_of
 
-Pictures = tuple[Float[np.ndarray, "h w l"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]
-"""In-scatter of the config's lights (M = pi L / E), transmittance, and metres to the first smoke."""
+Pictures = tuple[
+    Float[np.ndarray, "h w l"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]
+]
+"""In-scatter of the config's lights (M = pi L / E), transmittance, metres to the first smoke, and emitted light."""
 
 
 class GuideMarcher:
@@ -32,68 +37,87 @@ class GuideMarcher:
         self._frame: DensityFrame | None = None
         self._smoke: Smoke | None = None
 
+    def march_views(
+        self, frame: DensityFrame, cameras: Sequence[Camera], *, seeds: Sequence[int]
+    ) -> Iterator[GuideMap]:
+        """The guides of several cameras that see the same frame, one after the other, each as `march` says.
+
+        They share the frame on the device, its mip and its map of empty air. The light grid is each view's own: it
+        stands along the camera's axes, and the sums to top and bottom, which level cameras have in common in the
+        world, are a hundredth of a view's cost.
+        Raises ValueError unless there is one seed a camera, and as `march` does.
+        """
+        if len(cameras) != len(seeds):
+            raise ValueError(f"{len(cameras)} cameras and {len(seeds)} seeds: give each camera one seed")
+        return (self.march(frame, camera, seed=seed) for camera, seed in zip(cameras, seeds, strict=True))
+
     def march(self, frame: DensityFrame, camera: Camera, *, seed: int) -> GuideMap:
         """The guide of one frame seen by one camera; equal arguments give equal bytes.
 
         Raises ValueError where `vertical` is undefined for the view.
         """
+        config = self.config
         if frame is not self._frame:  # once for all the cameras that look at it
-            self._smoke = upload(frame, self.medium, mip=self.config.mip, device=self._device, bands=self._bands)
-            self._frame = frame
-        if self._smoke is None:
-            lit, transmittance, depth_m = self._nothing(camera)
-        elif self.config.lighting == "sweep":
-            lights = [DIRECTIONS.index(name) for name in self.config.light_names]
-            six, transmittance, depth_m = sweep_lit(
-                self._smoke, camera, frame.grid, self.medium, self.config, seed=seed, bands=self._bands
+            self._smoke = upload(
+                frame, self.medium, mip=config.mip, emission=config.emission, device=self._device, bands=self._bands
             )
-            lit = six[..., lights]
-        else:
-            lit, transmittance, depth_m = self._march_lit(self._smoke, frame, camera, seed)
-        if self.config.sum_lights:
+            self._frame = frame
+        lit, transmittance, depth_m, emissive = (
+            self._nothing(camera) if self._smoke is None else self._pictures(self._smoke, frame.grid, camera, seed)
+        )
+        if config.sum_lights:
             lit = lit.sum(axis=-1, keepdims=True)
         depth = normalised_depth(depth_m, camera, frame.grid)
-        image = np.concatenate([lit, transmittance[..., None], depth[..., None]], axis=-1)
-        return GuideMap(channels=self.config.channels, image=image.astype(np.float32), depth_m=depth_m)
+        layers = [lit, transmittance[..., None], depth[..., None]]
+        if config.emission:
+            layers.append(emissive[..., None])
+        image = np.concatenate(layers, axis=-1, dtype=np.float32)
+        return GuideMap(channels=config.channels, image=image, depth_m=depth_m)
 
-    def _march_lit(self, smoke: Smoke, frame: DensityFrame, camera: Camera, seed: int) -> Pictures:
-        config, grid = self.config, frame.grid
-        to_light = [to_light_in_world(name, camera, config.vertical) for name in config.light_names]
-        size = (camera.height_px, camera.width_px)
-        outputs = (
-            wp.empty((*size, len(to_light)), dtype=float, device=self._device),
-            wp.empty(size, dtype=float, device=self._device),
-            wp.empty(size, dtype=float, device=self._device),
-        )
-        self._bands.launch(
-            kernels.march_guide,
-            dim=size,
-            inputs=[
-                smoke.density,
-                smoke.voxel_m,
-                smoke.obstacle,
-                smoke.obstacle_voxel_m,
+    def _pictures(self, smoke: Smoke, grid: Grid, camera: Camera, seed: int) -> Pictures:
+        config = self.config
+        if config.lighting == "sweep":
+            kernel = swept_march_kernels.march_swept
+            lighting: list[object] = [lights_of(smoke, camera, grid, config, bands=self._bands)]
+            lights = [DIRECTIONS.index(name) for name in config.light_names]
+        else:
+            kernel = march_kernels.march_guide
+            to_light = [to_light_in_world(name, camera, config.vertical) for name in config.light_names]
+            lighting = [
                 wp.vec3(grid.extent_m),
-                *(wp.vec3(*corner) for corner in (smoke.low, smoke.high, smoke.seen_low, smoke.seen_high)),
-                *camera_arguments(camera, grid),
+                wp.vec3(*smoke.low),
+                wp.vec3(*smoke.high),
                 wp.array(np.array(to_light, dtype=np.float32), dtype=wp.vec3, device=self._device),
-                self.medium.extinction_per_m,
-                self.medium.albedo,
-                self.medium.hg_g,
-                config.step_m(grid),
-                smoke.depth_threshold,
                 int(config.weight == "paper_literal"),
-                int(config.jitter),
-                wp.uint32(seed & 0xFFFFFFFF),
-            ],
-            outputs=outputs,
+            ]
+            lights = list(range(len(to_light)))
+        size = (camera.height_px, camera.width_px)
+        lit, transmittance, depth_m, emissive = (
+            wp.empty(size, dtype=Lanes, device=self._device),
+            wp.empty(size, dtype=float, device=self._device),
+            wp.empty(size, dtype=float, device=self._device),
+            wp.empty(size if config.emission else (0, 0), dtype=float, device=self._device),
         )
-        in_scatter, transmittance, depth_m = outputs
-        return in_scatter.numpy(), transmittance.numpy(), depth_m.numpy()
+        view, scalars = view_of(camera, grid), [config.step_m(grid), int(config.jitter), wp.uint32(seed & 0xFFFFFFFF)]
+
+        def launch(rays_a_side: int, chosen: wp.array) -> None:
+            self._bands.launch(
+                kernel,
+                dim=size,
+                inputs=[view, smoke.volume, *scalars, rays_a_side, chosen, *lighting],
+                outputs=[lit, transmittance, depth_m, emissive],
+            )
+
+        launch(1, wp.empty((0, 0), dtype=wp.int8, device=self._device))
+        if config.pixel_samples == 4:
+            edges = wp.empty(size, dtype=wp.int8, device=self._device)
+            self._bands.launch(smoke_kernels.find_edges, dim=size, inputs=[transmittance], outputs=[edges])
+            launch(2, edges)
+        return lit.numpy()[..., lights], transmittance.numpy(), depth_m.numpy(), emissive.numpy()
 
     def _nothing(self, camera: Camera) -> Pictures:
         size = (camera.height_px, camera.width_px)
         for name in self.config.light_names:  # an undefined view is an error without smoke as well
             to_light_in_world(name, camera, self.config.vertical)
         dark = np.zeros((*size, len(self.config.light_names)), np.float32)
-        return dark, np.ones(size, np.float32), np.full(size, np.inf, np.float32)
+        return dark, np.ones(size, np.float32), np.full(size, np.inf, np.float32), np.zeros(size, np.float32)

@@ -1,23 +1,21 @@
-"""The guide in NumPy float64: slow, plain, and independent of Warp. Tests hold the kernels to it."""
+"""What rays meet, in NumPy float64: slow, plain, and independent of Warp. Tests hold the kernels to it."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
-from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium
 from sixway.guide.config import GuideConfig
-from sixway.guide.smoke import block_contents, smoke_boxes, support
-from sixway.guide.sweep import LightGrid
-from sixway.guide.views import to_light_in_world
+from sixway.guide.smoke import block_boxes
 
-SMALLEST_WEIGHT = 1e-4
-SMALLEST_SLAB = 1e-3
+BLOCK = 4
 
 
 def uniform_hash(seed: int, index: np.ndarray) -> np.ndarray:
-    """`kernels.uniform_hash` on arrays of indices."""
+    """`ray_kernels.uniform_hash` on arrays of indices."""
     with np.errstate(over="ignore"):
         state = (index.astype(np.uint32) + np.uint32(seed) * np.uint32(2654435769)) * np.uint32(747796405)
         state = state + np.uint32(2891336453)
@@ -45,105 +43,66 @@ def slab(origin: np.ndarray, forward: np.ndarray, extent: np.ndarray) -> tuple[n
     return np.maximum(np.minimum(a, b).max(-1), 0.0), np.maximum(a, b).min(-1)
 
 
-def march_guide(
-    frame: DensityFrame, camera: Camera, medium: Medium, config: GuideConfig, *, seed: int
-) -> tuple[Float[np.ndarray, "h w l"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-    """In-scatter a light (lightmap units), transmittance and depth_m, as `kernels.march_guide`."""
-    density = box_average(frame.density.astype(np.float64), config.mip)
-    size, step = frame.grid.voxel_size_m * config.mip, config.step_m(frame.grid)
-    extent = np.array(frame.grid.extent_m)
-    origin, forward = camera.rays()
-    origin = origin - np.array(frame.grid.origin_m)
-    to_light = [to_light_in_world(d, camera, config.vertical) for d in DIRECTIONS if d in config.lights]
-    enter, leave = slab(origin, forward, extent)
-    pixels = np.arange(enter.size).reshape(enter.shape)
-    t = enter + (step * uniform_hash(seed, pixels) if config.jitter else 0.0)
-    remaining = np.ones(enter.shape)
-    depth = np.full(enter.shape, np.inf)
-    in_scatter = np.zeros((*enter.shape, len(to_light)))
-    threshold = 1e-3 * density.max()
-    alive = t < leave
-    while alive.any():
-        x = origin + t[..., None] * forward
+@dataclass(frozen=True)
+class Fields:
+    """A frame as the marches see it: averaged over boxes of voxels, in metres from the grid's corner."""
+
+    density: np.ndarray
+    emission: np.ndarray | None
+    obstacle: np.ndarray | None
+    voxel_m: float
+    obstacle_voxel_m: float
+    boxes: np.ndarray
+    seen_low: np.ndarray
+    seen_high: np.ndarray
+
+    @classmethod
+    def of(cls, frame: DensityFrame, medium: Medium, config: GuideConfig) -> "Fields":
+        voxel_m = frame.grid.voxel_size_m * config.mip
+        density = box_average(frame.density.astype(np.float64), config.mip)
+        emission = None
+        if config.emission and frame.emission is not None:
+            emission = box_average(frame.emission.astype(np.float64), config.mip)
+        full = block_peaks(density, BLOCK) > 1e-6 / (medium.extinction_per_m * frame.grid.voxel_size_m)
+        if emission is not None:
+            peaks = block_peaks(emission, BLOCK)
+            full |= peaks > 1e-6 * peaks.max()
+        boxes = seen = block_boxes(full, voxel_m, frame.grid)
         if frame.obstacle is not None:
-            alive &= sample(frame.obstacle, x / frame.grid.voxel_size_m) <= 0.5
-        rho = np.where(alive, sample(density, x / size), 0.0)
-        sigma_t = medium.extinction_per_m * rho
-        depth = np.where((rho > threshold) & np.isinf(depth), t, depth)
-        passed = np.exp(-sigma_t * step)
-        weight = remaining * (sigma_t if config.weight == "paper_literal" else 1.0 - passed)
-        for light, toward in enumerate(to_light):
-            toward_array = np.broadcast_to(np.array(toward), x.shape)
-            exit_m = slab(x, toward_array, extent)[1]
-            optical_depth = np.zeros(t.shape)
-            s = 0.5 * step
-            while (s < exit_m[alive]).any():
-                sigma = medium.extinction_per_m * sample(density, (x + s * toward_array) / size)
-                optical_depth += np.where(s < exit_m, sigma * step, 0.0)
-                s += step
-            phase = henyey_greenstein((toward_array * forward).sum(-1), medium.hg_g)
-            lit = np.where(weight > SMALLEST_WEIGHT, weight, 0.0)
-            in_scatter[..., light] += np.pi * medium.albedo * phase * lit * np.exp(-optical_depth)
-        remaining = remaining * passed
-        t = t + step
-        alive &= t < leave
-    return in_scatter, remaining, depth
+            walls = block_peaks(frame.obstacle, BLOCK * config.mip) > 0.0
+            seen = np.concatenate([boxes, block_boxes(walls, voxel_m, frame.grid)])
+        return cls(
+            density=density,
+            emission=emission,
+            obstacle=frame.obstacle,
+            voxel_m=voxel_m,
+            obstacle_voxel_m=frame.grid.voxel_size_m,
+            boxes=boxes,
+            seen_low=seen[:, 0].min(axis=0),
+            seen_high=seen[:, 1].max(axis=0),
+        )
+
+    def blocked(self, x: np.ndarray) -> np.ndarray:
+        if self.obstacle is None:
+            return np.zeros(x.shape[:-1], bool)
+        return sample(self.obstacle, x / self.obstacle_voxel_m) > 0.5
+
+    def emitted(self, x: np.ndarray, optical_depth: np.ndarray, step: float) -> np.ndarray:
+        """Light that a step adds: eps h (1 - exp(-tau)) / tau."""
+        if self.emission is None:
+            return np.zeros(x.shape[:-1])
+        safe = np.maximum(optical_depth, 1e-12)
+        part = np.where(optical_depth > 1e-12, -np.expm1(-safe) / safe, 1.0)
+        return sample(self.emission, x / self.voxel_m) * step * part
 
 
-def march_swept(
-    frame: DensityFrame, camera: Camera, medium: Medium, config: GuideConfig, *, seed: int
-) -> tuple[Float[np.ndarray, "h w l"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-    """The same by coarse sweeps, as `sweep.sweep_lit`; the light grid stands where the kernels' does."""
-    extinction = medium.extinction_per_m
-    size, step = frame.grid.voxel_size_m * config.mip, config.step_m(frame.grid)
-    density = box_average(frame.density.astype(np.float64), config.mip)
-    box = support(density, above=0.0)
-    assert box is not None
-    box = box[0], np.minimum(box[1], np.array(frame.density.shape[::-1]) / config.mip)
-    seen_low, seen_high = box[0] * size, box[1] * size
-    if frame.obstacle is not None and (walls := support(frame.obstacle, above=0.0)) is not None:
-        seen_low = np.minimum(seen_low, walls[0] * frame.grid.voxel_size_m)
-        seen_high = np.maximum(seen_high, walls[1] * frame.grid.voxel_size_m)
-    lights = LightGrid.around(smoke_boxes(block_contents(density, 0.0, None, 1), box) * size, camera, config)
-    cells = light_cells(density, size, lights)
-    optical_depth = extinction * lights.cell_m * light_sums(cells)
-    coarse = extinction * lights.cell_m * 2.0 * box_average(cells, 2)
-    scattered = scatter(coarse, albedo=medium.albedo, iterations=config.scatter_iterations)
-
-    origin, forward = camera.rays()
-    origin = origin - np.array(frame.grid.origin_m)
-    enter, leave = slab(origin - seen_low, forward, seen_high - seen_low)
-    steps = np.ceil(np.maximum(leave - enter, 0.0) / step).astype(int)
-    steps_a_slab = np.maximum(-(-steps // config.light_samples), 1)
-    offset = uniform_hash(seed, np.arange(enter.size).reshape(enter.shape)) if config.jitter else 0.5
-    start = enter + offset * step
-    remaining, depth = np.ones(enter.shape), np.full(enter.shape, np.inf)
-    weight, moment = np.zeros(enter.shape), np.zeros(enter.shape)
-    lit, glow = np.zeros((*enter.shape, 6)), np.zeros((*enter.shape, 6))
-    blocked = np.zeros(enter.shape, bool)
-    for n in range(steps.max() + 1):
-        x = origin + (start + n * step)[..., None] * forward
-        alive = (n < steps) & (remaining > SMALLEST_WEIGHT) & ~blocked
-        if frame.obstacle is not None:
-            blocked |= alive & (sample(frame.obstacle, x / frame.grid.voxel_size_m) > 0.5)
-            alive &= ~blocked
-        rho = np.where(alive, sample(density, x / size), 0.0)
-        depth = np.where((rho > 1e-3 * density.max()) & np.isinf(depth), start + n * step, depth)
-        opacity = remaining * (1.0 - np.exp(-extinction * step * rho))
-        weight, moment, remaining = weight + opacity, moment + opacity * n, remaining - opacity
-        slab_ends = ((n + 1) % steps_a_slab == 0) | (weight > 1.0 / config.light_samples)
-        light_now = np.where(alive, slab_ends & (weight > SMALLEST_SLAB), weight > 0.0)
-        centre = start + moment / np.maximum(weight, 1e-30) * step
-        cell = (origin + centre[..., None] * forward - lights.corner_m) @ np.linalg.inv(lights.axes * lights.cell_m).T
-        passed = np.exp(-np.maximum(interpolate_lights(optical_depth, cell), 0.0))
-        lit += np.where(light_now, weight, 0.0)[..., None] * passed
-        glow += np.where(light_now, weight, 0.0)[..., None] * interpolate_lights(scattered, 0.5 * cell)
-        weight, moment = np.where(light_now, 0.0, weight), np.where(light_now, 0.0, moment)
-    for index, name in enumerate(DIRECTIONS):
-        cosine = forward @ np.array(to_light_in_world(name, camera, config.vertical))
-        lit[..., index] *= np.pi * medium.albedo * henyey_greenstein(cosine, medium.hg_g)
-    lit += 0.25 * medium.albedo * np.maximum(glow, 0.0)
-    return lit[..., [DIRECTIONS.index(name) for name in config.light_names]], remaining, depth
+def block_peaks(field: np.ndarray, edge: int) -> np.ndarray:
+    """Bounds on the interpolated field in every block of edge^3 voxels: it reaches one voxel beyond."""
+    for _ in range(3):
+        starts = range(0, len(field), edge)
+        peaks = np.stack([field[max(start - 1, 0) : start + edge + 1].max(axis=0) for start in starts])
+        field = np.moveaxis(peaks, 0, -1)
+    return field
 
 
 def box_average(field: np.ndarray, edge: int) -> np.ndarray:
@@ -153,51 +112,54 @@ def box_average(field: np.ndarray, edge: int) -> np.ndarray:
     return padded.reshape(z, edge, y, edge, x, edge).mean(axis=(1, 3, 5))
 
 
-def light_cells(density: np.ndarray, size: float, lights: LightGrid) -> Float[np.ndarray, "c b a"]:
-    """Density at the centres of the light grid's cells."""
-    blur = lights.blur_voxels(size)
-    index = np.moveaxis(np.indices(lights.shape[::-1])[::-1], 0, -1)
-    centres = lights.corner_m + (index + 0.5) * lights.cell_m @ lights.axes.T
-    return sample(box_average(density, blur), centres / (size * blur))
+def image_motion(
+    frame: DensityFrame, camera: Camera, medium: Medium, *, frame_s: float
+) -> tuple[Float[np.ndarray, "h w 2"], Float[np.ndarray, "h w 2"], Float[np.ndarray, "h w"]]:
+    """Mean and variance of the motion along each ray and its opacity, as `motion.project_motion_statistics`."""
+    assert frame.velocity_m_s is not None
+    fields = Fields.of(frame, medium, GuideConfig())
+    step, size = frame.grid.voxel_size_m, np.array([camera.width_px, camera.height_px])
+    origin, forward = camera.rays()
+    local = origin - np.array(frame.grid.origin_m)
+    enter, leave = slab(local - fields.seen_low, forward, fields.seen_high - fields.seen_low)
+    coarse = frame.grid.extent_m[0] / frame.velocity_m_s.shape[2]
+    axes = np.array([camera.right, -np.array(camera.up)])  # right, down
+    remaining, clear = np.ones(enter.shape), np.ones(enter.shape, bool)
+    weights, motions = [], []
+    for n in range(int(np.ceil((leave - enter).max() / step))):
+        t = enter + (n + 0.5) * step
+        x = local + t[..., None] * forward
+        clear &= (n < np.ceil((leave - enter) / step)) & ~fields.blocked(x)
+        weight = np.where(
+            clear, remaining * -np.expm1(-medium.extinction_per_m * step * sample(fields.density, x / step)), 0.0
+        )
+        remaining = remaining - weight
+        held = np.clip(x / coarse - 0.5, 0.0, np.array(frame.velocity_m_s.shape[2::-1]) - 1.0)[..., ::-1]
+        wind = np.stack(
+            [
+                map_coordinates(part, np.moveaxis(held, -1, 0), order=1)
+                for part in np.moveaxis(frame.velocity_m_s, -1, 0)
+            ],
+            axis=-1,
+        )
+        # the Jacobian of a point's place in the image [px], by central differences
+        ahead = 1e-4 * wind
+        motions.append(
+            (_in_image(x + ahead, camera, frame, axes, size) - _in_image(x - ahead, camera, frame, axes, size)) / 2e-4
+        )
+        weights.append(weight)
+    weight, motion = np.array(weights)[..., None], frame_s * np.array(motions)
+    total = np.maximum(weight.sum(axis=0), 1e-30)
+    mean = (weight * motion).sum(axis=0) / total
+    variance = (weight * (motion - mean) ** 2).sum(axis=0) / total
+    seen = weight.sum(axis=0) > 1e-4
+    return np.where(seen, mean, 0.0), np.where(seen, variance, 0.0), 1.0 - remaining
 
 
-def light_sums(cells: Float[np.ndarray, "c b a"]) -> Float[np.ndarray, "c b a 6"]:
-    """Cells added up from every cell's centre to each light."""
-    pairs = []
-    for axis in (2, 1, 0):
-        before = cells.cumsum(axis) - 0.5 * cells
-        pairs += [cells.sum(axis, keepdims=True) - before, before]
-    return np.stack(pairs, axis=-1)
-
-
-def scatter(thickness: Float[np.ndarray, "c b a"], *, albedo: float, iterations: int) -> Float[np.ndarray, "c b a 6"]:
-    """Fluence of scattered light by discrete ordinates; thickness: optical depth across each cell."""
-    direct = np.exp(-light_sums(thickness))
-    scattered = np.zeros_like(direct)
-    for _ in range(iterations):
-        gathered = np.zeros_like(direct)
-        for axis in range(3):
-            for way in (slice(None), slice(None, None, -1)):
-                half = np.exp(-0.5 * np.moveaxis(thickness, axis, 0)[way])[..., None]
-                source = np.moveaxis(direct + scattered, axis, 0)[way]
-                middle = np.zeros_like(source)
-                arriving = np.zeros_like(source[0])
-                for n in range(len(source)):
-                    middle[n] = arriving * half[n] + source[n] * (1.0 - half[n])
-                    arriving = middle[n] * half[n] + source[n] * (1.0 - half[n])
-                gathered += albedo / 6.0 * np.moveaxis(middle[way], 0, axis)
-        scattered = gathered
-    return scattered
-
-
-def interpolate_lights(field: Float[np.ndarray, "c b a 6"], cell: np.ndarray) -> np.ndarray:
-    """`sweep_kernels.trilinear_lights` at [..., 3] positions in cells: extrapolated for half a cell at the border."""
-    limit = np.array(field.shape[2::-1]) - 2
-    low = np.clip(np.floor(cell - 0.5).astype(int), 0, limit)
-    part = np.clip(cell - 0.5 - low, -0.5, 1.5)
-    total = np.zeros((*cell.shape[:-1], 6))
-    for corner in np.ndindex(2, 2, 2):
-        share = np.prod(np.where(corner, part, 1.0 - part), axis=-1)
-        i, j, k = np.moveaxis(low + corner, -1, 0)
-        total += share[..., None] * field[k, j, i]
-    return total
+def _in_image(x: np.ndarray, camera: Camera, frame: DensityFrame, axes: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Where points [m from the grid's corner] are seen, in px to the right and down from the image's centre."""
+    from_camera = x + np.array(frame.grid.origin_m) - np.array(camera.position_m)
+    across = from_camera @ axes.T
+    if camera.kind == "perspective":
+        across = across * (camera.distance_m / -(from_camera @ np.array(camera.to_viewer)))[..., None]
+    return across / np.array([camera.half_width_m, camera.half_height_m]) * 0.5 * size

@@ -12,11 +12,12 @@ from jaxtyping import Float
 
 from sixway.bands import RowBands
 from sixway.core.frames import Camera, Grid
-from sixway.core.records import Medium
-from sixway.guide import sweep_kernels
+from sixway.guide import sweep_kernels, swept_march_kernels
 from sixway.guide.config import GuideConfig
+from sixway.guide.ray_kernels import Lanes
 from sixway.guide.smoke import Smoke, box_average
-from sixway.guide.views import camera_arguments, to_light_in_world
+from sixway.guide.smoke_kernels import Volume
+from sixway.guide.views import to_light_in_world
 
 _FLATTEST_AXES = 0.2
 """Least volume that the three axes may span; below it the grid would be stretched more than five times."""
@@ -40,9 +41,11 @@ class LightGrid:
     shape: tuple[int, int, int]
 
     @classmethod
-    def around(cls, boxes: Float[np.ndarray, "n 2 3"], camera: Camera, config: GuideConfig) -> "LightGrid":
+    def around(cls, boxes: Float[np.ndarray, "n 2 3"], camera: Camera, grid: Grid, config: GuideConfig) -> "LightGrid":
         """The grid of a view over boxes of smoke, given by their lower and upper corners [m].
 
+        Cells stay where they are while smoke grows, so that a sequence does not flicker: their size follows from the
+        volume, and one of their corners is the volume's centre.
         Raises ValueError where the vertical leaves the three axes nearly in one plane.
         """
         names = ("right", "top", "front")
@@ -53,118 +56,145 @@ class LightGrid:
                 "which lighting sweep cannot take; use lighting march, vertical camera_up or another view"
             )
         to_axes = np.linalg.inv(axes)
-        centres, halves = boxes.mean(axis=1) @ to_axes.T, 0.5 * (boxes[:, 1] - boxes[:, 0]) @ np.abs(to_axes).T
-        low, high = (centres - halves).min(axis=0), (centres + halves).max(axis=0)
-        cell_m = float((high - low).max()) / config.light_grid
-        a, b, c = np.maximum(np.ceil((high - low) / cell_m - 1e-6).astype(int), 4)
-        start = 0.5 * (low + high - cell_m * np.array([a, b, c]))
-        return cls(axes=axes, corner_m=axes @ start, cell_m=cell_m, shape=(int(a), int(b), int(c)))
+        cell_m = max(grid.extent_m) / config.light_grid
+        centre = 0.5 * np.array(grid.extent_m)
+        centres = (boxes.mean(axis=1) - centre) @ to_axes.T
+        halves = 0.5 * (boxes[:, 1] - boxes[:, 0]) @ np.abs(to_axes).T
+        low = np.floor((centres - halves).min(axis=0) / cell_m + 1e-6).astype(int)
+        high = np.ceil((centres + halves).max(axis=0) / cell_m - 1e-6).astype(int)
+        a, b, c = np.maximum(high - low, 4)
+        return cls(axes=axes, corner_m=centre + axes @ (low * cell_m), cell_m=cell_m, shape=(int(a), int(b), int(c)))
 
     def blur_voxels(self, voxel_m: float) -> int:
         """Edge of the boxes to average density over before the cells sample it."""
         return max(1, round(_BLUR * self.cell_m / voxel_m))
 
 
-def sweep_lit(
-    smoke: Smoke, camera: Camera, grid: Grid, medium: Medium, config: GuideConfig, *, seed: int, bands: RowBands
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """In-scatter of all six lights [h, w, 6], transmittance and depth_m [h, w] of one view."""
-    device = smoke.density.device
-    lights = LightGrid.around(smoke.boxes, camera, config)
-    cells = resample_density(smoke, lights, bands=bands)
-    optical_depth = sweep_optical_depth(cells, medium.extinction_per_m * lights.cell_m, bands=bands)
-    scattered = wp.empty((0, 0, 0), dtype=sweep_kernels.SixLights, device=device)
+def lights_of(
+    smoke: Smoke, camera: Camera, grid: Grid, config: GuideConfig, *, bands: RowBands
+) -> swept_march_kernels.Lights:
+    """The light grid of a view, filled."""
+    volume = smoke.volume
+    device = volume.density.device
+    light_grid = LightGrid.around(smoke.boxes, camera, grid, config)
+    extinction = volume.extinction_per_m * light_grid.cell_m
+    cells, optical_depth = light_cells(volume, light_grid, extinction, bands=bands)
+    scattered = wp.empty((0, 0, 0), dtype=Lanes, device=device)
     if config.scatter_iterations:
         scattered = scatter(
             box_average(cells, 2, device=device, bands=bands),
-            medium.extinction_per_m * lights.cell_m * 2.0,
-            albedo=medium.albedo,
+            2.0 * extinction,
+            albedo=volume.albedo,
+            hg_g=volume.hg_g,
             iterations=config.scatter_iterations,
             bands=bands,
         )
-    size = (camera.height_px, camera.width_px)
-    outputs = (
-        wp.empty(size, dtype=sweep_kernels.SixLights, device=device),
-        wp.empty(size, dtype=float, device=device),
-        wp.empty(size, dtype=float, device=device),
-    )
+    lights = swept_march_kernels.Lights()
+    lights.to_lights = wp.mat33(light_grid.axes.T)
+    lights.to_cells = wp.mat33(np.linalg.inv(light_grid.axes * light_grid.cell_m))
+    lights.corner_m = wp.vec3(*light_grid.corner_m)
+    lights.optical_depth, lights.scattered = optical_depth, scattered
+    lights.samples = config.light_samples
+    return lights
+
+
+def light_cells(volume: Volume, lights: LightGrid, extinction: float, *, bands: RowBands) -> tuple[wp.array, wp.array]:
+    """Density at every cell's centre, averaged over about a cell, and the optical depths from there to the lights.
+
+    Both [c, b, a], the latter of `Lanes`. extinction: optical depth across a cell of density 1.
+    """
+    device = volume.density.device
+    blur = lights.blur_voxels(volume.voxel_m)
+    density = volume.density if blur == 1 else box_average(volume.density, blur, device=device, bands=bands)
+    c, b, a = lights.shape[::-1]
+    cells = wp.empty((c, b, a), dtype=float, device=device)
+    optical_depth = wp.empty((c, b, a), dtype=Lanes, device=device)
+    voxel_m = volume.voxel_m * blur
     bands.launch(
-        sweep_kernels.march_swept,
-        dim=size,
+        sweep_kernels.fill_rows,
+        dim=(c, b),
         inputs=[
-            smoke.density,
-            smoke.voxel_m,
-            smoke.obstacle,
-            smoke.obstacle_voxel_m,
-            smoke.holds,
-            wp.vec3(*smoke.seen_low),
-            wp.vec3(*smoke.seen_high),
-            *camera_arguments(camera, grid),
-            wp.mat33(lights.axes.T),
-            medium.extinction_per_m,
-            medium.albedo,
-            medium.hg_g,
-            config.step_m(grid),
-            config.light_samples,
-            smoke.depth_threshold,
-            int(config.jitter),
-            wp.uint32(seed & 0xFFFFFFFF),
-            optical_depth,
-            scattered,
-            wp.vec3(*lights.corner_m),
-            wp.mat33(np.linalg.inv(lights.axes * lights.cell_m)),
+            density,
+            blur,
+            volume.to_smoke,
+            wp.vec3(*(lights.corner_m / voxel_m)),
+            wp.mat33(lights.axes * (lights.cell_m / voxel_m)),
+            extinction,
         ],
-        outputs=outputs,
+        outputs=[cells, optical_depth],
     )
-    in_scatter, transmittance, depth_m = outputs
-    return in_scatter.numpy(), transmittance.numpy(), depth_m.numpy()
+    _sweep_across(cells, extinction, optical_depth, bands=bands)
+    return cells, optical_depth
 
 
-def resample_density(smoke: Smoke, lights: LightGrid, *, bands: RowBands) -> wp.array:
-    """Density at each cell's centre, [c, b, a], averaged over about a cell."""
-    device = smoke.density.device
-    blur = lights.blur_voxels(smoke.voxel_m)
-    density = smoke.density if blur == 1 else box_average(smoke.density, blur, device=device, bands=bands)
-    shape = lights.shape[::-1]
-    cells = wp.empty(shape, dtype=float, device=device)
-    bands.launch(
-        sweep_kernels.resample_density,
-        dim=shape,
-        inputs=[density, smoke.voxel_m * blur, wp.vec3(*lights.corner_m), wp.mat33(lights.axes * lights.cell_m)],
-        outputs=[cells],
-    )
-    return cells
+def _sweep_across(cells: wp.array, extinction: float, optical_depth: wp.array, *, bands: RowBands) -> None:
+    c, b, a = cells.shape
+    width = a if cells.device.is_cpu else 1
+    for axis, planes in ((1, c), (2, b)):
+        bands.launch(
+            sweep_kernels.sweep_across,
+            dim=(planes, -(-a // width)),
+            inputs=[cells, extinction, axis, width],
+            outputs=[optical_depth],
+        )
 
 
-def sweep_optical_depth(cells: wp.array, extinction: float, *, bands: RowBands) -> wp.array:
-    """Optical depth from each cell's centre to each light, [c, b, a] of `SixLights`.
+def scatter(
+    cells: wp.array, extinction: float, *, albedo: float, hg_g: float, iterations: int, bands: RowBands
+) -> wp.array:
+    """Light that has scattered up to `iterations` times, as even fluence that would send as much to the camera.
 
-    extinction: optical depth across a cell of density 1.
+    In parts of the irradiance, [c, b, a]. Discrete ordinates along the six ways of the grid's axes, where sweeps need
+    no interpolation. The first scattering and the one to the camera follow the phase function, `turns`; those between
+    count as isotropic. Scattered light is smooth: cells twice as large as those of the lights lose 0.1 dB.
     """
-    optical_depth = wp.empty(cells.shape, dtype=sweep_kernels.SixLights, device=cells.device)
-    for axis, columns in _columns(cells):
-        inputs = [cells, extinction, axis]
-        bands.launch(sweep_kernels.sweep_lights, dim=columns, inputs=inputs, outputs=[optical_depth])
-    return optical_depth
-
-
-def scatter(cells: wp.array, extinction: float, *, albedo: float, iterations: int, bands: RowBands) -> wp.array:
-    """Fluence of light that has scattered up to `iterations` times, in parts of the irradiance, [c, b, a].
-
-    Discrete ordinates along the six ways of the grid's axes, where sweeps need no interpolation; every scattering
-    counts as isotropic. Scattered light is smooth: cells twice as large as those of the lights lose 0.1 dB.
-    """
-    optical_depth = sweep_optical_depth(cells, extinction, bands=bands)
-    direct = wp.empty_like(optical_depth)
+    optical_depth = wp.empty(cells.shape, dtype=Lanes, device=cells.device)
+    bands.launch(sweep_kernels.sweep_rows, dim=cells.shape[:2], inputs=[cells, extinction], outputs=[optical_depth])
+    _sweep_across(cells, extinction, optical_depth, bands=bands)
+    direct = wp.zeros_like(optical_depth)
     bands.launch(sweep_kernels.light_cells, dim=cells.shape, inputs=[optical_depth], outputs=[direct])
+    onwards, aside, back = turns(hg_g)
     scattered = wp.zeros_like(direct)
-    for _ in range(iterations):
+    for iteration in range(iterations):
         gathered = wp.zeros_like(direct)
         for axis, columns in _columns(cells):
-            inputs = [cells, extinction, axis, albedo / 6.0, direct, scattered]
-            bands.launch(sweep_kernels.scatter_along, dim=columns, inputs=inputs, outputs=[gathered])
+            seen = (1.0, 1.0)
+            if iteration == iterations - 1:  # the camera stands at the upper end of the last axis
+                seen = (6.0 * onwards, 6.0 * back) if axis == 2 else (6.0 * aside, 6.0 * aside)
+            bands.launch(
+                sweep_kernels.scatter_along,
+                dim=columns,
+                inputs=[
+                    cells,
+                    extinction,
+                    axis,
+                    albedo,
+                    wp.vec3(onwards, aside, back),
+                    wp.vec2(*seen),
+                    direct,
+                    scattered,
+                ],
+                outputs=[gathered],
+            )
         scattered = gathered
     return scattered
+
+
+def turns(hg_g: float) -> tuple[float, float, float]:
+    """Parts of the light that scatter onwards, aside (each of four ways) and back.
+
+    Onwards and back are the sixths of the sphere around the axis, |cos| > 2/3, from the integral of the phase function
+    (Henyey and Greenstein 1941).
+    """
+    if abs(hg_g) < 1e-3:
+        return 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0
+
+    def below(cosine: float) -> float:
+        root = (1.0 + hg_g * hg_g - 2.0 * hg_g * cosine) ** 0.5
+        return (1.0 - hg_g * hg_g) / (2.0 * hg_g) * (1.0 / root - 1.0 / (1.0 + hg_g))
+
+    back, onwards = below(-2.0 / 3.0), 1.0 - below(2.0 / 3.0)
+    return onwards, 0.25 * (1.0 - onwards - back), back
 
 
 def _columns(cells: wp.array) -> list[tuple[int, tuple[int, ...]]]:

@@ -6,6 +6,7 @@ from jaxtyping import Float
 
 from sixway.core.conventions import TO_LIGHT
 from sixway.core.frames import Camera, Grid, Vector
+from sixway.guide.ray_kernels import View
 
 _SMALLEST_DEPTH = 1e-3
 """Depth 0 means empty, so the nearest smoke keeps a value above it."""
@@ -33,17 +34,17 @@ def to_light_in_world(name: str, camera: Camera, vertical: str) -> Vector:
     return (float(x), float(y), float(z))
 
 
-def camera_arguments(camera: Camera, grid: Grid) -> list[object]:
+def view_of(camera: Camera, grid: Grid) -> View:
     """The camera as the kernels take it: metres relative to the grid's corner."""
-    position = np.array(camera.position_m) - np.array(grid.origin_m)
     right, up, to_viewer = camera.basis
-    return [
-        wp.vec3(*position),
-        wp.vec3(*(-camera.distance_m * to_viewer)),
-        wp.vec3(*(camera.half_width_m * right)),
-        wp.vec3(*(camera.half_height_m * up)),
-        int(camera.kind == "perspective"),
-    ]
+    view = View()
+    view.position_m = wp.vec3(*(np.array(camera.position_m) - np.array(grid.origin_m)))
+    view.to_target_m = wp.vec3(*(-camera.distance_m * to_viewer))
+    view.right_m = wp.vec3(*(camera.half_width_m * right))
+    view.up_m = wp.vec3(*(camera.half_height_m * up))
+    view.perspective = int(camera.kind == "perspective")
+    view.height_px, view.width_px = camera.height_px, camera.width_px
+    return view
 
 
 def normalised_depth(depth_m: Float[np.ndarray, "h w"], camera: Camera, grid: Grid) -> Float[np.ndarray, "h w"]:

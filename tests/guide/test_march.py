@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from sixway.core.config import ConfigError, parse_config
 from sixway.core.frames import Camera, Grid
 from sixway.core.records import DensityFrame, Medium
-from sixway.guide import oracle
-from sixway.guide.march import GuideConfig, GuideMarcher, to_light_in_world
-from sixway.guide.motion import project_motion
+from sixway.guide import march_oracle
+from sixway.guide.config import LIGHT_SETS, GuideConfig
+from sixway.guide.march import GuideMarcher
+from sixway.guide.views import to_light_in_world
 
 ALL_LIGHTS = ("right", "left", "top", "bottom", "front", "back")
+BOTH = [{"lighting": "march"}, {"lighting": "sweep", "light_grid": 12, "scatter_iterations": 1}]
 
 
 def blob(rng: np.random.Generator, n: int = 16, *, obstacle: bool = False) -> DensityFrame:
@@ -37,7 +40,7 @@ def test_kernel_equals_oracle(rng, device, kind, hg_g, obstacle) -> None:
     medium = Medium(extinction_per_m=20.0, albedo=0.8, hg_g=hg_g)
     config = GuideConfig(lights=ALL_LIGHTS, sum_lights=False)
     guide = GuideMarcher(config, medium, device=device).march(frame, camera, seed=5)
-    in_scatter, transmittance, depth_m = oracle.march_guide(frame, camera, medium, config, seed=5)
+    in_scatter, transmittance, depth_m, _ = march_oracle.march(frame, camera, medium, config, seed=5)
     lit = guide.image[..., :6]
     # a sample that float32 puts across a voxel's or obstacle's face may differ: compare all but a few
     close = np.isclose(lit, in_scatter, atol=2e-4).all(-1) & np.isclose(
@@ -56,7 +59,7 @@ def test_a_mip_equals_the_oracle_where_its_boxes_do_not_fit_the_grid(rng, device
     medium = Medium(extinction_per_m=20.0)
     config = GuideConfig(lights=ALL_LIGHTS, sum_lights=False, mip=mip, steps_per_edge=24)
     guide = GuideMarcher(config, medium, device=device).march(frame, camera, seed=5)
-    in_scatter, transmittance, _ = oracle.march_guide(frame, camera, medium, config, seed=5)
+    in_scatter, transmittance, _, _ = march_oracle.march(frame, camera, medium, config, seed=5)
     close = np.isclose(guide.image[..., :6], in_scatter, atol=2e-4).all(-1)
     close &= np.isclose(guide["transmittance"], transmittance, atol=2e-4)
     assert close.mean() > 0.97
@@ -73,7 +76,7 @@ def test_smoke_in_a_corner_behind_a_wall_elsewhere(rng, device) -> None:
     camera = Camera.around(frame.grid, yaw_deg=10.0, width_px=23, height_px=23)
     medium, config = Medium(extinction_per_m=20.0), GuideConfig(lights=ALL_LIGHTS, sum_lights=False)
     guide = GuideMarcher(config, medium, device=device).march(frame, camera, seed=5)
-    in_scatter, transmittance, _ = oracle.march_guide(frame, camera, medium, config, seed=5)
+    in_scatter, transmittance, _, _ = march_oracle.march(frame, camera, medium, config, seed=5)
     close = np.isclose(guide.image[..., :6], in_scatter, atol=2e-4).all(-1)
     close &= np.isclose(guide["transmittance"], transmittance, atol=2e-4)
     assert close.mean() > 0.97
@@ -184,17 +187,92 @@ def test_a_degenerate_vertical_is_an_error() -> None:
     np.testing.assert_allclose(to_light_in_world("bottom", side, "omega_cross_z"), -top)
 
 
-@pytest.mark.parametrize("kind", ["orthographic", "perspective"])
-def test_projected_motion_follows_a_uniform_wind(device, kind) -> None:
-    n = 16
-    wind = np.zeros((8, 8, 8, 3), np.float32)
-    wind[...] = (0.2, -0.1, 0.0)
-    density = np.zeros((n, n, n), np.float32)
-    density[7:9, 4:12, 4:12] = 1.0
-    frame = DensityFrame(density=density, grid=Grid.centred((n, n, n)), velocity_m_s=wind)
-    camera = Camera.around(frame.grid, kind=kind, width_px=40, height_px=40)
-    flow = project_motion(frame, camera, Medium(extinction_per_m=50.0), frame_s=0.5, device=device)
-    px_per_m = 40 / (2.0 * camera.half_height_m)
-    centre = flow[18:22, 18:22].mean((0, 1))
-    np.testing.assert_allclose(centre, [0.1 * px_per_m, 0.05 * px_per_m], rtol=0.03)
-    assert (flow[0, 0] == 0.0).all()
+def test_a_light_set_goes_by_its_name_and_is_kept_as_its_lights() -> None:
+    named, listed = GuideConfig(lights="front_tb"), GuideConfig(lights=("front", "top", "bottom"))
+    assert named == listed == GuideConfig()
+    assert named.model_dump(mode="json")["lights"] == ["front", "top", "bottom"]
+    counts = {name: len(parse_config(GuideConfig, {"lights": name}, source="test").lights) for name in LIGHT_SETS}
+    assert counts == {"front": 1, "front_lr": 3, "front_tb": 3, "all": 6}
+    assert parse_config(GuideConfig, {"lights": ["front", "top", "bottom"]}, source="test") == named
+    with pytest.raises(ConfigError, match=r"lights.*names a light twice"):
+        parse_config(GuideConfig, {"lights": ["front", "front"]}, source="test")
+    assert GuideConfig(lights="front_lr").light_names == ("right", "left", "front")
+    with pytest.raises(ConfigError, match="'sides' is no light set; use front, front_lr"):
+        parse_config(GuideConfig, {"lights": "sides"}, source="test")
+
+
+@pytest.mark.parametrize("options", BOTH, ids=lambda options: options["lighting"])
+def test_views_share_a_frame_and_equal_single_marches(rng, device, options) -> None:
+    frame, medium = blob(rng), Medium(extinction_per_m=10.0)
+    config = GuideConfig(lights="all", sum_lights=False, **options)
+    cameras = [Camera.around(frame.grid, yaw_deg=yaw, width_px=12, height_px=16) for yaw in (0.0, 40.0, 80.0)]
+    together = GuideMarcher(config, medium, device=device).march_views(frame, cameras, seeds=[3, 4, 5])
+    for guide, camera, seed in zip(together, cameras, (3, 4, 5), strict=True):
+        alone = GuideMarcher(config, medium, device=device).march(frame, camera, seed=seed)
+        assert guide.image.tobytes() == alone.image.tobytes()
+    with pytest.raises(ValueError, match="3 cameras and 1 seeds"):
+        GuideMarcher(config, medium, device=device).march_views(frame, cameras, seeds=[3])
+
+
+@pytest.mark.parametrize("options", BOTH, ids=lambda options: options["lighting"])
+def test_pixels_on_edges_are_the_mean_of_four_rays(rng, device, options) -> None:
+    frame, medium = blob(rng, obstacle=True), Medium(extinction_per_m=20.0)
+    camera = Camera.around(frame.grid, yaw_deg=33.0, pitch_deg=12.0, width_px=19, height_px=13)
+    once, finer = (GuideConfig(lights="all", sum_lights=False, pixel_samples=n, **options) for n in (1, 4))
+    guide = GuideMarcher(finer, medium, device=device, threads=2).march(frame, camera, seed=5)
+    in_scatter, transmittance, _, _ = march_oracle.march(frame, camera, medium, finer, seed=5)
+    close = np.isclose(guide.image[..., :6], in_scatter, atol=5e-4).all(-1)
+    close &= np.isclose(guide["transmittance"], transmittance, atol=2e-4)
+    assert close.mean() > 0.95
+    rough = GuideMarcher(once, medium, device=device).march(frame, camera, seed=5)
+    changed = (guide.image != rough.image).any(-1)
+    assert 0.1 < changed.mean() < 0.7
+
+    truth_camera = camera.resized(19 * 8, 13 * 8)
+    truth = GuideMarcher(once, medium, device=device, threads=2).march(frame, truth_camera, seed=5).image
+    truth = truth.reshape(13, 8, 19, 8, -1).mean(axis=(1, 3))[..., :7]
+    error, rough_error = (np.mean((image[..., :7] - truth) ** 2) for image in (guide.image, rough.image))
+    assert error < 0.5 * rough_error
+
+
+def burning(density: float, emission: float, n: int = 32) -> DensityFrame:
+    """A cube of even smoke and fire."""
+    full = np.ones((n, n, n), np.float32)
+    return DensityFrame(density=density * full, emission=emission * full, grid=Grid.centred((n, n, n)))
+
+
+@pytest.mark.parametrize("lighting", ["march", "sweep"])
+@pytest.mark.parametrize("density", [0.0, 1.0])
+def test_even_fire_has_its_closed_form(device, lighting, density) -> None:
+    """Radiance eps (1 - e^{-sigma}) / sigma through a unit cube; eps without smoke."""
+    frame = burning(density, 0.7)
+    camera = Camera.around(frame.grid, kind="orthographic", width_px=16, height_px=16, margin=4.0)
+    config = GuideConfig(lighting=lighting, step_voxels=0.25, emission=True, jitter=False)
+    guide = GuideMarcher(config, Medium(extinction_per_m=2.0), device=device).march(frame, camera, seed=0)
+    sigma = 2.0 * density
+    expected = 0.7 * (1.0 - np.exp(-sigma)) / sigma if density else 0.7
+    assert guide.channels[-1] == "emissive"
+    assert guide["emissive"][7:9, 7:9].mean() == pytest.approx(expected, rel=0.02)
+    assert guide["emissive"][0, 0] == 0.0
+
+
+@pytest.mark.parametrize("options", BOTH, ids=lambda options: options["lighting"])
+def test_emission_equals_the_oracle_and_needs_no_smoke(rng, device, options) -> None:
+    smoke = blob(rng, obstacle=True)
+    fire = np.zeros_like(smoke.density)
+    fire[3:14, 2:9, 6:15] = gaussian_filter(rng.random((11, 7, 9)), 1.0)
+    frame = DensityFrame(density=smoke.density, emission=fire, obstacle=smoke.obstacle, grid=smoke.grid)
+    camera = Camera.around(frame.grid, yaw_deg=33.0, pitch_deg=12.0, width_px=19, height_px=13)
+    medium = Medium(extinction_per_m=20.0)
+    config = GuideConfig(emission=True, mip=2, **options)
+    guide = GuideMarcher(config, medium, device=device).march(frame, camera, seed=5)
+    emitted = march_oracle.march(frame, camera, medium, config, seed=5)[3]
+    assert np.isclose(guide["emissive"], emitted, atol=2e-4).mean() > 0.96
+    assert emitted.max() > 0.02
+
+    clear = DensityFrame(density=0.0 * smoke.density, emission=fire, grid=smoke.grid)
+    lone = GuideMarcher(config, medium, device=device).march(clear, camera, seed=5)
+    assert lone["emissive"].max() > 0.05 and (lone["transmittance"] == 1.0).all()
+    dark = GuideMarcher(config, medium, device=device).march(smoke, camera, seed=5)
+    assert (dark["emissive"] == 0.0).all()
+    np.testing.assert_allclose(dark["transmittance"], guide["transmittance"], atol=1e-5)

@@ -8,8 +8,10 @@ if "$python" -c 'import sys, torch; sys.exit(0 if torch.cuda.is_available() else
   "$python" -m pytest --device cuda tests/guide tests/sim tests/models tests/losses
   "$python" scripts/validate_devices.py
   "$python" scripts/bench_pipeline.py --device cuda --size 512
+  "$python" scripts/bench_sim.py --device cuda --quick
 else
   "$python" scripts/validate_devices.py
   "$python" scripts/bench_pipeline.py --device cpu --quick
+  "$python" scripts/bench_sim.py --device cpu --quick
   echo "skipped: tests on the device and timers at 512 x 512 need CUDA"
 fi

@@ -110,8 +110,8 @@ class Flow:
     def set_inlets(self, inlet: wp.array) -> None:
         """Make cells INLET where `inlet` [z, y, x] int32, with shell, is not 0; in the shell instead of the side.
 
-        `imposed` holds their velocity. Obstacles go before inlets. ValueError if the shape does not fit or an inlet
-        is in a periodic side. Waits for the device.
+        `imposed` holds their velocity. Obstacles placed later go before them. Waits for the device. ValueError if the
+        shape does not fit or an inlet is in a periodic side.
         """
         self._check_shape(inlet=inlet)
         self.config.faces.check_inlets(inlet.numpy())

@@ -1,15 +1,16 @@
-"""The velocity set and the units."""
+"""The velocity sets and the units."""
 
 import numpy as np
 import pytest
 
-from sixway.sim.lattice import OPPOSITE, SOUND_SPEED, VELOCITIES, WEIGHTS, relaxation_time
+from sixway.sim.lattice import D3Q19, D3Q27, SOUND_SPEED, Lattice, relaxation_time
 from sixway.sim.units import LatticeUnits
 
 
-def test_moments_are_isotropic_to_fourth_order() -> None:
-    c, w, eye = VELOCITIES, WEIGHTS, np.eye(3)
-    assert len(np.unique(c, axis=0)) == 19
+@pytest.mark.parametrize(("lattice", "count"), [(D3Q19, 19), (D3Q27, 27)])
+def test_moments_are_isotropic_to_fourth_order(lattice: Lattice, count: int) -> None:
+    c, w, eye = lattice.velocities, lattice.weights, np.eye(3)
+    assert len(np.unique(c, axis=0)) == count
     np.testing.assert_allclose(w.sum(), 1.0)
     np.testing.assert_allclose(np.einsum("q,qa->a", w, c), 0.0, atol=1e-15)
     np.testing.assert_allclose(np.einsum("q,qa,qb->ab", w, c, c), SOUND_SPEED**2 * eye, atol=1e-15)
@@ -19,8 +20,11 @@ def test_moments_are_isotropic_to_fourth_order() -> None:
     np.testing.assert_allclose(np.einsum("q,qa,qb,qd,qe->abde", w, c, c, c, c), SOUND_SPEED**4 * fourth, atol=1e-15)
 
 
-def test_opposites_are_opposite() -> None:
-    np.testing.assert_array_equal(VELOCITIES[OPPOSITE], -VELOCITIES)
+@pytest.mark.parametrize("lattice", [D3Q19, D3Q27])
+def test_opposites_are_opposite_and_mirrors_mirror(lattice: Lattice) -> None:
+    np.testing.assert_array_equal(lattice.velocities[lattice.opposite], -lattice.velocities)
+    mirrored = lattice.velocities[lattice.mirrored((True, False, True))]
+    np.testing.assert_array_equal(mirrored, lattice.velocities * (-1, 1, -1))
 
 
 def test_units_keep_the_reynolds_number() -> None:

@@ -79,13 +79,13 @@ def main() -> int:
     wp.config.log_level = wp.LOG_WARNING
     repetitions = 3 if chosen.quick else 5
     load = os.getloadavg()[0]
-    result = Measurement({"scenario": "jet_tiny", "frames": chosen.frames, "load_before": load}, repetitions)
-    frame = simulated("jet_tiny", 32 if chosen.quick else 64, chosen.frames)
+    result = Measurement({"scenario": "jet", "frames": chosen.frames, "load_before": load}, repetitions)
+    frame = simulated("jet", 32 if chosen.quick else 64, chosen.frames)
     edge = frame.density.shape[0]
     compare(result, frame, f"{edge}^3")
     flicker(result, frame if chosen.quick else enlarged(frame, 0.5))
     if not chosen.quick:
-        edges(result, simulated("jet_cylinder_tiny", 32, chosen.frames))
+        edges(result, simulated("jet_cylinder", 32, chosen.frames))
     volumes = [frame] if chosen.quick else [enlarged(frame, 0.5), frame, enlarged(frame, 2.0)]
     time_sizes(result, volumes, (128, 256) if chosen.quick else (128, 256, 512), repetitions)
     time_variants(result, frame, repetitions)
@@ -94,7 +94,7 @@ def main() -> int:
 
 
 def simulated(scenario: str, cells: int, frames: int) -> DensityFrame:
-    overrides = (f"cells_xyz=[{cells}, {cells}, {cells}]",)
+    overrides = (f"resolution={{cells: {cells}, refinement: 2}}",)
     solver = SmokeSolver(load_config(ScenarioConfig, SCENARIOS / f"{scenario}.yaml", overrides), device="cpu")
     for _ in range(frames):
         solver.advance()

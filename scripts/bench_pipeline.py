@@ -27,7 +27,7 @@ from sixway.shading.light import DirectionalLight
 from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import SmokeSolver
 
-SCENARIO = Path(__file__).parents[1] / "configs/sim/jet_tiny.yaml"
+SCENARIO = Path(__file__).parents[1] / "configs/sim/jet.yaml"
 GUIDES = {
     "paper": GuideConfig(),
     "six": GuideConfig(lights=DIRECTIONS, sum_lights=False),
@@ -52,7 +52,7 @@ def main() -> int:
         if device.startswith("cuda"):
             torch.cuda.synchronize()
 
-    solver = SmokeSolver(load_config(ScenarioConfig, SCENARIO), device=device)
+    solver = SmokeSolver(load_config(ScenarioConfig, SCENARIO, ["resolution=tiny"]), device=device)
     for _ in range(10 if chosen.quick else 40):
         solver.advance()
     frame = solver.frame()

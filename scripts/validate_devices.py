@@ -27,7 +27,7 @@ from sixway.sim.solver import SmokeSolver
 
 
 def simulated(device: str) -> DensityFrame:
-    solver = SmokeSolver(load_config(ScenarioConfig, SCENARIO), device=device)
+    solver = SmokeSolver(load_config(ScenarioConfig, SCENARIO, ["resolution=tiny"]), device=device)
     for _ in range(12):  # later, turbulence makes any last bit grow
         solver.advance()
     return solver.frame()

@@ -6,19 +6,26 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import warp as wp
 
 from sixway.core.config import parse_config
-from sixway.core.conventions import Bounces
-from sixway.core.exr import write_exr
+from sixway.core.conventions import LIGHTMAP_CHANNELS, Bounces
+from sixway.core.exr import read_exr, write_exr
 from sixway.core.frames import Camera, parse_size
+from sixway.core.png import write_8bit_png
 from sixway.core.progress import track
 from sixway.core.records import Medium
 from sixway.core.store import claim_folder, content_hash, provenance
 from sixway.reference.lightmaps import LightmapTracer, ReferenceConfig
+from sixway.shading.sheet import lightmap_sheet
 from sixway.volumes.extinction import DEFAULT_OPTICAL_DEPTH
+from sixway.volumes.fire import EmissionRule
 from sixway.volumes.read import find_volumes
 from sixway.volumes.sequence import open_sequence, slice_frames
+
+SHEET = "contact_sheet.png"
+_SHEET_FRAMES = 4
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,8 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m sixway.bake",
-        description="Path-trace the six maps and alpha of density volumes from a fixed camera, one EXR a frame. "
-        "The same command continues where it stopped.",
+        description="Path-trace the six maps, alpha and emissive of volumes from a fixed camera: one EXR a frame "
+        "and a contact sheet. The same command continues where it stopped.",
         epilog="example: python -m sixway.bake 'fire_*.vdb' --out maps --resolution 512 --bounces multi --up z",
     )
     add = parser.add_argument
@@ -52,6 +59,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--grid", default="density", help="name of the grid in a file that holds several (default: density)")
     add("--optical-depth", type=float, default=DEFAULT_OPTICAL_DEPTH, help="of the densest frame (default: 8)")
     add("--density-scale", type=float, help="extinction [1/m] of density 1, instead of --optical-depth")
+    add("--emission", default="auto", help="grid that burns, such as temperature, or none (default: auto, by name)")
+    add("--emission-threshold", type=float, help="where glow begins (default: 0; of temperatures 798 K or 1.5)")
+    add("--emission-scale", type=float, help="radiance [1/m] of fire of value 1 (default: 2 through thick columns)")
+    add("--self-lit", action="store_true", help="another layer: smoke in the light of its own fire")
     add("--camera-yaw", type=float, default=0.0, help="degrees (default: 0)")
     add("--camera-pitch", type=float, default=0.0, help="degrees (default: 0)")
     add("--projection", choices=("perspective", "orthographic"), default="perspective")
@@ -63,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
-    for name in ("optical_depth", "density_scale", "margin"):
+    for name in ("optical_depth", "density_scale", "emission_scale", "margin"):
         value = getattr(options, name)
         if value is not None and not 0.0 < value < float("inf"):
             raise ValueError(f"--{name.replace('_', '-')} {value} must be positive and finite")
@@ -71,7 +82,9 @@ def _run(options: argparse.Namespace) -> int:
     reference = {"bounces": options.bounces, "samples": options.samples}
     config = parse_config(ReferenceConfig, reference, source="command line")
     volumes = slice_frames(find_volumes(options.volume), options.frames)
-    sequence = open_sequence(volumes, up=options.up, grid_name=options.grid, optical_depth=options.optical_depth)
+    sequence = open_sequence(
+        volumes, up=options.up, grid_name=options.grid, optical_depth=options.optical_depth, emission=_emission(options)
+    )
     extinction = options.density_scale or sequence.extinction_per_m
     medium = Medium(extinction_per_m=extinction, albedo=options.albedo, hg_g=options.hg_g)
     camera = Camera.around(
@@ -85,29 +98,71 @@ def _run(options: argparse.Namespace) -> int:
     )
     print(
         f"{len(volumes)} volume(s) in {sequence.grid.shape_zyx[::-1]} voxels, density up to "
-        f"{sequence.highest_density:.3g}; density scale {extinction:.4g} 1/m; {width} x {height}, {options.bounces}"
+        f"{sequence.highest_density:.3g}; density scale {extinction:.4g} 1/m; {_told(sequence.emission)}; "
+        f"{width} x {height}, {options.bounces}"
     )
+    if options.self_lit and sequence.emission is None:
+        raise ValueError("--self-lit: these volumes hold no fire; name the grid that burns with --emission")
     if options.dry_run:
         print(f"dry run: nothing was written to {options.out}")
         return 0
     stamps = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in volumes]
     files = [options.out / f"frame_{number:04d}.exr" for number in range(len(volumes))]
-    made_by = content_hash([repr(x) for x in (stamps, config, medium, camera, options.seed, options.up, options.grid)])
+    shaped_by = (stamps, config, medium, camera, options.seed, options.up, options.grid, sequence.emission)
+    made_by = content_hash([repr(x) for x in (*shaped_by, options.self_lit)])
     missing = claim_folder(options.out, files, record="bake.json", made_by=made_by, pattern="frame_[0-9]*.exr")
     tracer = LightmapTracer(config, medium, device=options.device)
     for file in track(missing, total=len(files), label="bake", start=len(files) - len(missing)):
         number = files.index(file)
-        lightmap = tracer.trace(sequence.read(number), camera, seed=options.seed)
+        frame = sequence.read(number)
+        lightmap = tracer.trace(frame, camera, seed=options.seed)
+        image, channels = lightmap.image, lightmap.channels
+        if options.self_lit:
+            # imported here: it loads Dr.Jit, which must not happen before the tracer has chosen its LLVM
+            from sixway.reference.self_lit import trace_self_lit
+
+            glow = trace_self_lit(frame, camera, medium, bounces=options.bounces, seed=options.seed)
+            image, channels = np.concatenate([image, glow[..., None]], axis=-1), (*channels, "self_lit")
         about = {
             "sixway/volume": volumes[number].name,
-            "sixway/units": "M = pi L / E, linear, premultiplied; alpha = 1 - T",
+            "sixway/units": "M = pi L / E, linear, premultiplied; alpha = 1 - T; emissive, self_lit: radiance",
             "sixway/extinction_per_m": extinction,
             "sixway/bounces": options.bounces,
             "sixway/commit": provenance()["commit"],
         }
-        write_exr(file, lightmap.image, lightmap.channels, about)
+        write_exr(file, image, channels, about)
+    channels = LIGHTMAP_CHANNELS if sequence.emission else LIGHTMAP_CHANNELS[:-1]
+    channels += ("self_lit",) if options.self_lit else ()
+    _write_sheet(options.out / SHEET, files, volumes, channels)
     print(f"baked: {options.out}")
     return 0
+
+
+def _emission(options: argparse.Namespace) -> EmissionRule | None:
+    if options.emission == "none":
+        return None
+    return EmissionRule(
+        grid_name=None if options.emission == "auto" else options.emission,
+        strength_per_m=options.emission_scale,
+        threshold=options.emission_threshold,
+    )
+
+
+def _told(emission: EmissionRule | None) -> str:
+    if emission is None:
+        return "no fire"
+    return f"fire of {emission.strength_per_m or 1.0:.4g} 1/m"
+
+
+def _write_sheet(path: Path, files: list[Path], volumes: list[Path], channels: tuple[str, ...]) -> None:
+    """A few frames from the first to the last; made again whenever frames were."""
+    chosen = sorted({round(i * (len(files) - 1) / max(1, _SHEET_FRAMES - 1)) for i in range(_SHEET_FRAMES)})
+    frames = []
+    for number in chosen:
+        image = read_exr(files[number], channels)
+        maps = {name: image[..., i] for i, name in enumerate(channels)}
+        frames.append((f"frame {number}: {volumes[number].name}", maps))
+    write_8bit_png(path, lightmap_sheet(frames))
 
 
 if __name__ == "__main__":

@@ -66,11 +66,10 @@ class TinyDataset:
 
 _SCENARIO = """\
 name: puff
-cells_xyz: [12, 12, 12]
+resolution: {cells: 12, refinement: 2}
 frames: 8
-warmup_frames: 4
-steps_per_advection: 8
-buoyancy_m_s2: 1.0
+warmup_frames: 8
+smoke: {buoyancy_m_s2: 1.0}
 inlets:
   - {centre_m: [0.05, -0.5, 0.0], radius_m: 0.14, towards: [0.0, 1.0, 0.0], speed_m_s: 1.0, swirl: 0.8, turbulence: 0.4}
 """

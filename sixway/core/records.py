@@ -1,7 +1,7 @@
 """What the stages hand to one another. Each record checks itself once, when it is made."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -58,21 +58,39 @@ class DensityFrame:
 class Medium:
     """How smoke meets light. sigma_t = density * extinction_per_m.
 
-    extinction_per_m: extinction [1/m] of density 1. albedo: sigma_s / sigma_t in [0, 1].
-    hg_g: Henyey-Greenstein anisotropy in [-0.95, 0.95].
+    extinction_per_m: extinction [1/m] of density 1. albedo: sigma_s / sigma_t in [0, 1], one number or one
+    each for red, green and blue, which only `sixway.reference` takes. hg_g: Henyey-Greenstein anisotropy
+    in [-0.95, 0.95].
     """
 
     extinction_per_m: float
-    albedo: float = 1.0
+    albedo: float | tuple[float, float, float] = 1.0
     hg_g: float = 0.0
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.extinction_per_m) and self.extinction_per_m >= 0.0):
             raise ValueError(f"extinction {self.extinction_per_m} 1/m must be finite and not negative")
-        if not 0.0 <= self.albedo <= 1.0:
-            raise ValueError(f"albedo {self.albedo} must lie in [0, 1]")
+        colours = self.albedo if isinstance(self.albedo, tuple) else (self.albedo,)
+        if len(colours) not in (1, 3) or not all(0.0 <= colour <= 1.0 for colour in colours):
+            raise ValueError(f"albedo {self.albedo} must be one number in [0, 1], or three: red, green, blue")
         if not -0.95 <= self.hg_g <= 0.95:
             raise ValueError(f"hg_g {self.hg_g} must lie in [-0.95, 0.95]")
+
+    @property
+    def grey_albedo(self) -> float:
+        """The albedo of grey smoke. Raises ValueError for smoke whose albedo is RGB."""
+        if isinstance(self.albedo, tuple):
+            raise ValueError(
+                f"albedo {self.albedo} is RGB where one number is needed; take the three media of `by_colour` in "
+                "turn, as sixway.reference.lightmaps.trace_rgb_lightmaps does"
+            )
+        return self.albedo
+
+    @property
+    def by_colour(self) -> tuple["Medium", "Medium", "Medium"]:
+        """Grey smoke as red, green and blue light see it."""
+        red, green, blue = self.albedo if isinstance(self.albedo, tuple) else (self.albedo,) * 3
+        return replace(self, albedo=red), replace(self, albedo=green), replace(self, albedo=blue)
 
 
 def _check_channels(kind: str, channels: tuple[str, ...], image: np.ndarray) -> None:

@@ -56,6 +56,17 @@ class Group(Config):
     samples: tuple[Sample, ...]
 
 
+class NoiseSummary(Config):
+    """Standard error of the references' maps, linear, times the scale: 1 is white. Each frame's own is in its header.
+
+    The smaller, the less of the truth a net can miss unseen; frames are told by the path of their file.
+    """
+
+    median_rmse: float
+    worst_rmse: float
+    worst_frame: str
+
+
 class Manifest(Config):
     """The whole dataset. guides: each variant's config, as its room wrote it. noise_psnr_db: PSNR of
     two test references with other seeds, sRGB; a perfect net scores 3.01 dB more."""
@@ -67,6 +78,7 @@ class Manifest(Config):
     guides: dict[str, dict[str, Any]]
     groups: tuple[Group, ...]
     noise_psnr_db: float | None = None
+    noise: NoiseSummary | None = None
     config: dict[str, Any]
     provenance: dict[str, str]
     conventions: dict[str, str] = CONVENTIONS

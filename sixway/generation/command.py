@@ -83,6 +83,9 @@ def _run(options: argparse.Namespace, only: Sequence[str]) -> int:
             case "pack":
                 manifest = pack(job)
                 print(f"packed: brightness scale {manifest.scale:.4f}, {_noise(manifest.noise_psnr_db)}")
+                if manifest.noise is not None:
+                    noise = manifest.noise
+                    print(f"noise of the maps: median {noise.median_rmse:.4f} of white, worst {noise.worst_rmse:.4f}")
             case "verify":
                 problems = verify(job)
                 for problem in problems:

@@ -11,8 +11,8 @@ from rich.table import Table
 from sixway.core.exr import write_exr
 from sixway.core.records import DensityFrame
 from sixway.generation.stages import Generation
+from sixway.generation.traced import HalvedTracer
 from sixway.guide.march import GuideMarcher
-from sixway.reference.lightmaps import LightmapTracer
 from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import SmokeSolver
 from sixway.volumes.npz import write_npz
@@ -70,11 +70,13 @@ def estimate(job: Generation) -> list[Cost]:
             write_exr(folder / "g.exr", image.image, image.channels)
             size = (folder / "g.exr").stat().st_size
             costs.append(Cost(f"guide {guide_name}", sum(views.values()), each, size))
-        tracer = LightmapTracer(config.reference, medium, device=job.tracer_device)
-        tracer.trace(frames[0], view.camera, seed=0)
+        tracer = HalvedTracer(config.reference, medium, device=job.tracer_device)
+        cameras = [view.camera for view in simulation.views]
+        list(tracer.trace_views(frames[0], cameras, seed=0))
         start = time.perf_counter()
-        lightmap = [tracer.trace(frame, view.camera, seed=0) for frame in frames[1:]][-1]
-        each = (time.perf_counter() - start) / len(frames[1:])
+        traced = [one for frame in frames[1:] for one in tracer.trace_views(frame, cameras, seed=0)]
+        each = (time.perf_counter() - start) / len(traced)
+        lightmap = traced[-1].lightmap
         write_exr(folder / "t.exr", lightmap.image, lightmap.channels)
         size = (folder / "t.exr").stat().st_size
         costs.append(Cost("references", views[False], each, size))

@@ -1,13 +1,12 @@
 """Frames on disk -> the arrays that training reads, and the manifest that describes the whole dataset."""
 
 from collections import defaultdict
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sixway.core.conventions import DIRECTIONS
+from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS
 from sixway.core.exr import read_exr
 from sixway.core.progress import track
 from sixway.core.store import (
@@ -21,11 +20,13 @@ from sixway.core.store import (
 )
 from sixway.data.manifest import MANIFEST, Group, Manifest, PackedArray, Sample, Split
 from sixway.generation.jobs import INDEX
-from sixway.generation.noise import reference_noise_psnr_db
+from sixway.generation.noise import reference_noise_psnr_db, summarised
 from sixway.generation.plan import Folder, Simulation, View
-from sixway.generation.stages import FLOW_CHANNELS, TARGET_CHANNELS, Generation
+from sixway.generation.stages import FLOW_CHANNELS, TARGET_CHANNELS, Generation, channels_of
 
 Row = tuple[Simulation, View, int]
+Made = tuple[Path, dict[str, Any]]
+"""A finished frame and its record."""
 
 _SCALE_PERCENTILE = 99.9
 _HISTOGRAM_EDGES = np.concatenate([[0.0], np.geomspace(1e-4, 1e3, 100_001)])
@@ -35,11 +36,18 @@ _HISTOGRAM_EDGES = np.concatenate([[0.0], np.geomspace(1e-4, 1e3, 100_001)])
 def pack(job: Generation) -> Manifest:
     """Pack every split and image size and write `manifest.json`; unchanged arrays are kept.
 
+    Targets have an emissive channel if any frame could burn; it is 0 where a frame could not.
     Raises FileNotFoundError or CorruptFrameError naming the frame that is missing or damaged, ValueError
     if there is no training frame with light in it.
     """
-    groups = [_pack_group(job, split, rows) for split, rows in _grouped(job)]
+    rows_of = _grouped(job)
+    targets = {key: [_recorded(job, job.plan.target(s, v), f) for s, v, f in rows] for key, rows in rows_of.items()}
+    all_targets = [made for group in targets.values() for made in group]
+    burns = any("emissive" in record.get("channels", ()) for _, record in all_targets)
+    channels = LIGHTMAP_CHANNELS if burns else TARGET_CHANNELS
+    groups = [_pack_group(job, key[0], rows, targets[key], channels) for key, rows in rows_of.items()]
     scale = _brightness_scale(job.out, groups)
+    noise = {str(path.relative_to(job.out)): record["noise_rmse"] for path, record in all_targets}
     manifest = Manifest(
         name=job.plan.config.name,
         scale=scale,
@@ -47,6 +55,7 @@ def pack(job: Generation) -> Manifest:
         guides={name: guide.model_dump(mode="json") for name, guide in job.plan.config.guides.items()},
         groups=tuple(groups),
         noise_psnr_db=reference_noise_psnr_db(job, scale=scale),
+        noise=summarised(noise, scale=scale),
         config=job.plan.config.model_dump(mode="json"),
         provenance=provenance(),
     )
@@ -54,22 +63,22 @@ def pack(job: Generation) -> Manifest:
     return manifest
 
 
-def _grouped(job: Generation) -> Iterator[tuple[Split, list[Row]]]:
+def _grouped(job: Generation) -> dict[tuple[Split, int, int], list[Row]]:
     """Rows of one split and image size, frames of a pair side by side."""
     groups: dict[tuple[Split, int, int], list[Row]] = defaultdict(list)
     for simulation in job.plan.simulations:
         for view in simulation.views:
             key = (simulation.split, view.camera.height_px, view.camera.width_px)
             groups[key] += [(simulation, view, frame) for frame in simulation.frames]
-    for (split, _, _), rows in groups.items():
-        yield split, rows
+    return groups
 
 
-def _pack_group(job: Generation, split: Split, rows: list[Row]) -> Group:
+def _pack_group(
+    job: Generation, split: Split, rows: list[Row], targets: list[Made], target_channels: tuple[str, ...]
+) -> Group:
     plan = job.plan
     camera = rows[0][1].camera
-    targets = [_recorded(job, plan.target(s, v), f) for s, v, f in rows]
-    arrays = {"target": _pack_array(job, "target", split, targets, TARGET_CHANNELS, camera)}
+    arrays = {"target": _pack_array(job, "target", split, targets, target_channels, camera)}
     for name, guide in plan.config.guides.items():
         files = [_recorded(job, plan.guide(name, s, v), f) for s, v, f in rows]
         arrays[f"guide_{name}"] = _pack_array(job, f"guide_{name}", split, files, guide.channels, camera)
@@ -80,34 +89,35 @@ def _pack_group(job: Generation, split: Split, rows: list[Row]) -> Group:
             simulation=simulation.name,
             view=view.name,
             frame=frame,
-            seed=plan.seed(simulation, view, frame),
+            seed=record["seed"],
             target=str(path.relative_to(job.out)),
-            target_sha256=digest,
+            target_sha256=record["sha256"],
         )
-        for (simulation, view, frame), (path, digest) in zip(rows, targets, strict=True)
+        for (simulation, view, frame), (path, record) in zip(rows, targets, strict=True)
     )
     return Group(split=split, height_px=camera.height_px, width_px=camera.width_px, arrays=arrays, samples=samples)
 
 
-def _recorded(job: Generation, folder: Folder, frame: int) -> tuple[Path, str]:
-    """A finished frame and its recorded hash; raises FileNotFoundError if it is not finished."""
+def _recorded(job: Generation, folder: Folder, frame: int) -> Made:
+    """A finished frame and its record; raises FileNotFoundError if it is not finished."""
     store = job.store(folder)
     path = store.frame_path(frame, ".exr")
     record = store.done().get(path.name)
     if record is None:
         raise FileNotFoundError(f"{path}: this frame is missing; run the generation command again to make it")
-    return path, record["sha256"]
+    return path, record
 
 
 def _pack_array(
-    job: Generation, layer: str, split: Split, files: list[tuple[Path, str]], channels: tuple[str, ...], camera: Any
+    job: Generation, layer: str, split: Split, files: list[Made], channels: tuple[str, ...], camera: Any
 ) -> PackedArray:
     """Stack EXR frames into one float16 .npy [n, c, h, w], named by the hashes of what went in.
 
-    A finished array is recorded with its own hash; one that differs from its record is packed anew.
+    A frame that holds the first channels only is 0 in the others. A finished array is recorded with its own hash;
+    one that differs from its record is packed anew.
     """
     name = f"{split}_{camera.width_px}x{camera.height_px}_{layer}"
-    key = content_hash([digest for _, digest in files])
+    key = content_hash([channels, [record["sha256"] for _, record in files]])
     path = job.out / "packed" / f"{name}_{key}.npy"
     recorded = {record["file"]: record["sha256"] for record in read_json_lines(path.parent / INDEX)}
     if not path.is_file() or sha256_file(path) != recorded.get(path.name):
@@ -116,14 +126,16 @@ def _pack_array(
         # written, not memory-mapped: a full disk is an error here and kills the process there
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.lib.format.write_array_header_1_0(file, header)
-            for frame, digest in track(files, total=len(files), label=f"pack {name}"):
-                if sha256_file(frame) != digest:
+            for frame, record in track(files, total=len(files), label=f"pack {name}"):
+                if sha256_file(frame) != record["sha256"]:
                     raise ValueError(
                         f"{frame}: its hash differs from the one recorded when it was made; delete the file and "
                         "run the generation command again"
                     )
-                image = read_exr(frame, channels, (camera.height_px, camera.width_px))
-                file.write(np.moveaxis(image, -1, 0).astype("<f2").tobytes())
+                held = channels_of(record, channels)
+                image = np.zeros((len(channels), camera.height_px, camera.width_px), "<f2")
+                image[: len(held)] = np.moveaxis(read_exr(frame, held, image.shape[1:]), -1, 0)
+                file.write(image.tobytes())
         append_json_line(path.parent / INDEX, {"file": path.name, "sha256": sha256_file(path)})
         for old in path.parent.glob(f"{name}_*.npy"):
             if old != path and len(old.stem) == len(path.stem):

@@ -141,12 +141,12 @@ class Plan:
         return cls(config=config, simulations=tuple(simulations))
 
     def density(self, simulation: Simulation) -> Folder:
-        return _folder("density", simulation.name, made_by={"scenario": simulation.scenario.model_dump(mode="json")})
+        return _folder("density", simulation.name, made_by={"scenario": simulation.scenario.identity()})
 
     def target(self, simulation: Simulation, view: View) -> Folder:
-        """Reference frames; test simulations get more samples."""
-        reference = self.reference(simulation)
-        return self._of_view("target", simulation, view, {"reference": reference.model_dump(mode="json")})
+        """Reference frames, the means of two traces (`HalvedTracer`); test simulations get more samples."""
+        reference = self.reference(simulation).model_dump(mode="json")
+        return self._of_view("target", simulation, view, {"reference": reference, "traces": 2})
 
     def guide(self, name: str, simulation: Simulation, view: View) -> Folder:
         return self._of_view(
@@ -163,8 +163,12 @@ class Plan:
         return reference.model_copy(update={"samples": reference.samples * self.config.test_samples_factor})
 
     def seed(self, simulation: Simulation, view: View, frame: int) -> int:
-        """One seed for every frame and view, whatever the order in which they are made."""
+        """One seed for every frame and view of the guides, whatever the order in which they are made."""
         return int(content_hash([self.config.seed, simulation.name, view.name, frame])[:7], 16)
+
+    def frame_seed(self, simulation: Simulation, frame: int) -> int:
+        """One seed for all references of a frame, so that its views can share the light that is the same for all."""
+        return int(content_hash([self.config.seed, simulation.name, frame])[:7], 16)
 
     def _of_view(self, layer: str, simulation: Simulation, view: View, made_by: dict[str, Any]) -> Folder:
         everything = {

@@ -12,14 +12,14 @@ from sixway.core.records import DensityFrame
 from sixway.core.store import provenance
 from sixway.generation.jobs import FrameStore, Shard, run_shards
 from sixway.generation.plan import Folder, Plan, Simulation, View
+from sixway.generation.traced import HalvedTracer
 from sixway.guide.march import GuideMarcher
 from sixway.guide.motion import project_motion
-from sixway.reference.lightmaps import LightmapTracer
 from sixway.sim.solver import SmokeSolver
 from sixway.volumes.npz import read_npz, write_npz
 
 TARGET_CHANNELS = LIGHTMAP_CHANNELS[:-1]
-"""No scenario burns yet, so references hold no emissive channel; training masks it out."""
+"""Of every reference; those of a frame that could burn hold emissive besides, as their record tells."""
 
 FLOW_CHANNELS = ("flow_right", "flow_down")
 
@@ -87,7 +87,7 @@ def march_shard(job: Generation, shard: Shard) -> Iterator[None]:
     marchers = {name: GuideMarcher(guide, medium, device=job.device) for name, guide in config.guides.items()}
     for simulation, number in shard.of(_frames(job.plan)):
         frame: DensityFrame | None = None
-        frame_s = simulation.scenario.units.dt_s * simulation.scenario.steps_per_frame
+        frame_s = simulation.scenario.frame_s
         for view in simulation.views:
             seed = job.plan.seed(simulation, view, number)
             facts = {"frame": number, "seed": seed}
@@ -111,26 +111,38 @@ def march_shard(job: Generation, shard: Shard) -> Iterator[None]:
 
 
 def trace_shard(job: Generation, shard: Shard) -> Iterator[None]:
+    """The views of a frame are traced together, because they share light."""
     medium = job.plan.config.medium.medium
-    tracers: dict[str, LightmapTracer] = {}
+    tracers: dict[str, HalvedTracer] = {}
     for simulation, number in shard.of(_frames(job.plan)):
+        stores = {view.name: job.store(job.plan.target(simulation, view)) for view in simulation.views}
+        name = f"frame_{number:04d}.exr"
+        missing = [view for view in simulation.views if name not in stores[view.name].done()]
+        if not missing:
+            continue
         reference = job.plan.reference(simulation)
-        frame: DensityFrame | None = None
-        for view in simulation.views:
-            store = job.store(job.plan.target(simulation, view))
-            path = store.frame_path(number, ".exr")
-            if path.name in store.done():
+        key = reference.model_dump_json()
+        if key not in tracers:
+            tracers[key] = HalvedTracer(reference, medium, device=job.tracer_device)
+        tracer = tracers[key]
+        # what was interrupted must come out as if it had not been; views after the last one missing are not traced
+        together = list(simulation.views) if tracer.depends_on_company else missing
+        seed = job.plan.frame_seed(simulation, number)
+        frame = job.read_density(simulation, number)
+        traced = tracer.trace_views(frame, [view.camera for view in together], seed=seed)
+        for view, reference_image in zip(together, traced, strict=True):
+            if view not in missing:
                 continue
-            if reference.model_dump_json() not in tracers:
-                tracers[reference.model_dump_json()] = LightmapTracer(reference, medium, device=job.tracer_device)
-            tracer = tracers[reference.model_dump_json()]
-            frame = frame or job.read_density(simulation, number)
-            seed = job.plan.seed(simulation, view, number)
-            lightmap = tracer.trace(frame, view.camera, seed=seed)
-            facts = {"frame": number, "seed": seed, "method": tracer.method}
+            lightmap = reference_image.lightmap
+            facts = {"frame": number, "seed": seed, "method": tracer.method, "noise_rmse": reference_image.noise_rmse}
+            if reference_image.noise_psnr_db is not None:
+                facts["noise_psnr_db"] = reference_image.noise_psnr_db
+            path = stores[view.name].path / name
             write_exr(path, lightmap.image, lightmap.channels, _attributes(job, simulation, view, facts))
-            store.record(path, **facts)
+            stores[view.name].record(path, **facts, channels=lightmap.channels)
             yield
+            if view == missing[-1]:
+                break
 
 
 def _run(
@@ -171,6 +183,11 @@ def _names(simulation: Simulation, suffix: str) -> list[str]:
 
 def _frames(plan: Plan) -> list[tuple[Simulation, int]]:
     return [(simulation, frame) for simulation in plan.simulations for frame in simulation.frames]
+
+
+def channels_of(record: dict[str, Any], layer: tuple[str, ...]) -> tuple[str, ...]:
+    """The channels that a frame's file holds, by its record; those of its layer where the record is silent."""
+    return tuple(record.get("channels", layer))
 
 
 def _attributes(job: Generation, simulation: Simulation, view: View, facts: dict[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from sixway.core.exr import CorruptFrameError, read_exr
 from sixway.core.progress import track
 from sixway.core.store import inside, sha256_file
 from sixway.data.manifest import read_manifest
-from sixway.generation.stages import FLOW_CHANNELS, TARGET_CHANNELS, Generation, all_stores
+from sixway.generation.stages import FLOW_CHANNELS, TARGET_CHANNELS, Generation, all_stores, channels_of
 from sixway.volumes.limits import VolumeError
 from sixway.volumes.npz import read_npz
 
@@ -27,7 +27,7 @@ def verify(job: Generation) -> list[str]:
                 if path.suffix == ".npz":
                     read_npz(path)
                 else:
-                    read_exr(path, _channels(job, store.folder.path.partition("/")[0]))
+                    read_exr(path, channels_of(record, _channels(job, store.folder.path.partition("/")[0])))
             except (CorruptFrameError, VolumeError) as error:
                 problems.append(str(error))
     try:

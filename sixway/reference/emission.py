@@ -1,7 +1,8 @@
 """What fire adds to a picture, behind and among its own smoke: an absorption-emission march.
 
 Every step is a homogeneous slab, dL = T eps (1 - exp(-sigma_t h)) / sigma_t, the radiance of an emitter
-eps [1/m] that its own smoke absorbs (Chandrasekhar 1960, section 7). Smoke does not scatter this light.
+eps [1/m] that its own smoke absorbs (Chandrasekhar 1960, section 7). What smoke scatters of this light is a map
+of its own: `sixway.reference.self_lit`.
 """
 
 import drjit as dr
@@ -33,25 +34,32 @@ def march_emission(frame: DensityFrame, camera: Camera, medium: Medium) -> Float
     if extinction is None:
         return np.zeros((camera.height_px, camera.width_px), np.float32)
     view = View(extinction, camera)
-    fields = grid_on_device(extinction.sigma_t, extinction.solid, extinction.emission)
-    return view.image([_emitted(fields, view.box, *view.march_rays())])[..., 0]
+    dark = np.zeros_like(extinction.sigma_t)
+    fields = grid_on_device(extinction.sigma_t, extinction.solid, extinction.emission, dark)
+    return view.image([radiance(fields, view.box, *view.march_rays(), albedo=0.0)])[..., 0]
 
 
 @dr.syntax
-def _emitted(fields, box: Box, origin, ray, offset):
+def radiance(fields, box: Box, origin, ray, offset, *, albedo):
+    """What arrives at `origin` from along `ray`, first looked at `offset` of a voxel behind it.
+
+    fields: a texture of sigma_t, solid, emission and light that the smoke scatters, all of it a source:
+    eps = emission + albedo sigma_t scattered.
+    """
     near, far = box.span(origin, ray)
     distance = near + offset * box.voxel
     transmittance = mi.Float(1)
-    radiance = mi.Float(0)
+    total = mi.Float(0)
     active = distance < far
     while active:
-        sigma_t, solid, emission = fields.eval(box.to_texture(origin + distance * ray))
+        sigma_t, solid, emission, scattered = fields.eval(box.to_texture(origin + distance * ray))
         depth = sigma_t * box.voxel
         passed = dr.exp(-depth)
         length = dr.select(depth > 1e-3, (1.0 - passed) / depth, 1.0 - 0.5 * depth) * box.voxel
         blocked = solid > 0.5
-        radiance += dr.select(blocked, 0.0, transmittance * emission * length)
+        source = emission + albedo * sigma_t * scattered
+        total += dr.select(blocked, 0.0, transmittance * source * length)
         transmittance *= passed
         distance += box.voxel
         active = (distance < far) & (transmittance > _CUTOFF) & ~blocked
-    return radiance
+    return total

@@ -9,12 +9,12 @@ from jaxtyping import Float
 from sixway.core.conventions import DIRECTIONS, TO_LIGHT
 from sixway.core.frames import Vector
 from sixway.core.records import SixWayLightmap
+from sixway.shading.fire import ArtistRamp, BlackBodyRamp, fire_colour
 from sixway.shading.light import DirectionalLight
 
 BlendRule = Literal["squared", "paper_abs", "abs_normalised", "smoothstep"]
 
-FIRE = (1.0, 0.45, 0.12)
-"""Linear RGB that a one-channel emissive map is shown in."""
+_FIRE = BlackBodyRamp()
 
 
 def blend_weights(to_light: Vector, rule: BlendRule) -> dict[str, float]:
@@ -42,11 +42,12 @@ def shade(
     lights: Sequence[DirectionalLight],
     *,
     rule: BlendRule = "squared",
-    fire: tuple[float, float, float] = FIRE,
+    fire: BlackBodyRamp | ArtistRamp = _FIRE,
 ) -> Float[np.ndarray, "h w 3"]:
     """Linear RGB of the smoke on black (alpha-premultiplied), float32.
 
-    Each light adds colour * sum_i w_i M_i; an emissive channel adds emissive * fire.
+    Each light adds colour * sum_i w_i M_i; an emissive channel adds its light
+    in the colours of the ramp `fire`.
     """
     per_direction = np.zeros((len(DIRECTIONS), 3), np.float32)
     for light in lights:
@@ -55,7 +56,7 @@ def shade(
             per_direction[i] += weights[name] * np.array(light.colour, np.float32)
     image = lightmap.maps @ per_direction
     if "emissive" in lightmap.channels:
-        image = image + lightmap["emissive"][..., None] * np.array(fire, np.float32)
+        image = image + fire_colour(lightmap["emissive"], fire)
     return image.astype(np.float32)
 
 

@@ -43,6 +43,8 @@ class Flow:
         INLET cells before a step; `set_solid` writes those of obstacles.
     force: acceleration (x, y, z) [3, z, y, x] [cells/step^2]. `update_velocity` needs the force of the last step, so
         write it afterwards.
+    growth: gas that fire adds to each cell [1/step], float32 [z, y, x] with shell, or None; it comes with the air's own
+        velocity. A small s makes div u = s once the weak sound of it has left.
     velocity, density: of the air at the last `update_velocity`; walls and inlets have what is imposed, the shell of
         the other sides what lies beyond.
     """
@@ -68,6 +70,7 @@ class Flow:
         self.force = self._zeros((3, *self._shape), wp.float32)
         self.velocity = wp.clone(self.imposed)
         self.density = wp.ones(self._shape, dtype=wp.float32, device=self._device)
+        self.growth: wp.array | None = None
         self._kind_without_solid = wp.clone(self.kind)
         self._links = wp.zeros_like(self.kind)
         self._uncovered = wp.zeros_like(self.kind)
@@ -86,6 +89,13 @@ class Flow:
             send()
             collide_and_stream()
             self.steps += 1
+            if self.growth is not None:
+                self._grow(self.growth)
+
+    def _grow(self, growth: wp.array) -> None:
+        inside = tuple(n - 2 for n in self._shape)
+        kernel = flow_native.grow(self.config.lattice, self.config.streaming)
+        self._launch(kernel, inside, [self.kind, growth, *self._sent])
 
     def update_velocity(self) -> None:
         """Write `velocity` and `density` as the last step left them."""

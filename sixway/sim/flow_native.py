@@ -199,3 +199,53 @@ def fill(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         fill_cell(chosen, density, velocity, grid, nx, ny, stride, parity, n)
 
     return fill
+
+
+@cache
+def grow(name: LatticeName, streaming: Streaming) -> wp.Kernel:
+    """Add gas of the air's own velocity to what FLUID cells send: g_q += w_q s (1 + 3 c_q . u), s = `growth` [1/step].
+
+    Gas at rest would brake the air by the same rate.
+    """
+    lattice = lattice_named(name)
+    snippet = f"""
+        const float s = growth.data[n];
+        if (kind.data[n] != {FLUID} || s == 0.0f) return;
+        {flow_text.out_table(lattice, streaming)}
+        {flow_text.equilibrium_table(lattice)}
+        {flow_text.moments_of(lattice, "n")}
+        const float slope = 3.0f * s / density;
+        for (int q = 0; q < {len(lattice.weights)}; ++q) {{
+            const float along = cx[q] * momentum_x + cy[q] * momentum_y + cz[q] * momentum_z;
+            out[q][n] += weight[q] * (s + slope * along);
+        }}
+    """
+
+    @wp.func_native(snippet)
+    def grow_cell(
+        kind: wp.array3d[wp.int32],
+        growth: wp.array3d[wp.float32],
+        grid: wp.array[wp.float32],
+        nx: int,
+        ny: int,
+        stride: int,
+        parity: int,
+        n: int,
+    ): ...
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def grow(
+        first: int,
+        kind: wp.array3d[wp.int32],
+        growth: wp.array3d[wp.float32],
+        grid: wp.array[wp.float32],
+        stride: int,
+        parity: int,
+    ):
+        k, j, i = wp.tid()
+        nx = kind.shape[2]
+        ny = kind.shape[1]
+        n = ((k + first + 1) * ny + j + 1) * nx + i + 1
+        grow_cell(kind, growth, grid, nx, ny, stride, parity, n)
+
+    return grow

@@ -35,6 +35,14 @@ def step(
     return np.where(kind == FLUID, collided, 0.0)
 
 
+def grow(lattice: Lattice, kind: Kind, growth: Float[np.ndarray, "z y x"], g: Populations) -> Populations:
+    """g with gas of the air's own velocity added: w_q s (1 + 3 c_q . u) in FLUID cells."""
+    density, momentum = moments(lattice, g)
+    u = momentum / np.where(kind == FLUID, density, 1.0)[..., None]
+    part = 1.0 + 3.0 * np.einsum("qa,zyxa->qzyx", lattice.velocities.astype(np.float64), u)
+    return g + np.where(kind == FLUID, lattice.weights[:, None, None, None] * growth * part, 0.0)
+
+
 def stream(lattice: Lattice, g: Populations) -> Populations:
     """Each cell takes what its upwind neighbours send."""
     return np.stack([np.roll(g[q], (z, y, x), axis=(0, 1, 2)) for q, (x, y, z) in enumerate(lattice.velocities)])

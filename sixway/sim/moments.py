@@ -17,6 +17,16 @@ from sixway.sim.flow_edges import OPEN_RELAXATION
 from sixway.sim.lattice import D3Q27
 
 
+def check_moments(config: FlowConfig) -> None:
+    """Raise ValueError for a lattice, a model or a streaming that ten moments cannot stand for."""
+    wanted = ("D3Q27", "third_order", "two_grids")
+    if (config.lattice, config.model, config.streaming) != wanted:
+        raise ValueError(
+            f"lattice={config.lattice!r}, model={config.model!r}, streaming={config.streaming!r}: ten moments "
+            f"stand for {wanted} alone; set these, or store populations"
+        )
+
+
 class MomentFlow(Flow):
     """A `Flow` of D3Q27 and collision model `third_order` that stores ten moments a cell.
 
@@ -28,12 +38,7 @@ class MomentFlow(Flow):
         self, config: FlowConfig, *, shape_zyx: tuple[int, int, int], viscosity: float, device: str, threads: int = 1
     ) -> None:
         """As `Flow`; ValueError also for a lattice, a model or a streaming that moments cannot stand for."""
-        wanted = ("D3Q27", "third_order", "two_grids")
-        if (config.lattice, config.model, config.streaming) != wanted:
-            raise ValueError(
-                f"lattice={config.lattice!r}, model={config.model!r}, streaming={config.streaming!r}: ten moments "
-                f"stand for {wanted} alone; set these, or use Flow"
-            )
+        check_moments(config)
         super().__init__(config, shape_zyx=shape_zyx, viscosity=viscosity, device=device, threads=threads)
         cells = len(moments_native.MOMENTS) * self._stride
         self._grids = (self._zeros((cells,), wp.float32), self._zeros((cells,), wp.float32))

@@ -1,159 +1,243 @@
-"""What to simulate: the box, what blows into it, what stands in it, and for how long."""
+"""What to simulate: the box, what blows into it, what stands and moves in it, and for how long."""
 
-from typing import Annotated, Literal, Self
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from sixway.core.config import Config
 from sixway.core.frames import Grid
-from sixway.sim.inlets import InletConfig
-from sixway.sim.obstacles import Obstacle, distance_to_all
+from sixway.core.store import sha256_file
+from sixway.sim.burn import NEEDED, BurnConfig
+from sixway.sim.checks import check_places
+from sixway.sim.faces import SIDES, Faces, Side
+from sixway.sim.flow import FlowConfig
+from sixway.sim.moments import check_moments
+from sixway.sim.resolution import Resolution, Timing, grids
+from sixway.sim.scalars import FaceKind
+from sixway.sim.shapes import Mesh, ObstacleConfig
+from sixway.sim.sources import InletConfig, PuffConfig, WindConfig
 from sixway.sim.units import LatticeUnits
 
-Cells = Annotated[int, Field(ge=8, le=512)]
+Edge = Annotated[float, Field(gt=0.0, le=1000.0)]
+
+_REACH_CELLS = 1.0
+"""How far the fastest source may carry smoke in one move: a disc on a wall is one cell thick."""
+_FASTEST_LATTICE_SPEED = 0.4
+"""[cells/step]; lattice Boltzmann holds for speeds well below that of sound, 0.577."""
+
+
+class AirConfig(FlowConfig):
+    """The air of a scenario: a box that is closed but for its top, unless `faces` says otherwise."""
+
+    faces: Faces = Faces(y_high="open")
+    encoding: Literal["populations", "moments"] = "populations"
+    """What a cell stores: its populations, or the ten moments that they follow from (Li et al. 2023), which asks for
+    lattice D3Q27, model third_order and streaming two_grids."""
+
+    @model_validator(mode="after")
+    def _can_be_encoded(self) -> Self:
+        if self.encoding == "moments":
+            check_moments(self)
+        return self
+
+
+class SmokeConfig(Config):
+    """How smoke, heat and fuel are carried and how they push the air."""
+
+    scheme: Literal["cubic", "maccormack", "linear"] = "cubic"
+    """Clamped Catmull-Rom (sharp), clamped MacCormack, or trilinear (fast, blurs)."""
+    buoyancy_m_s2: float = Field(default=0.0, ge=-1000.0, le=1000.0)
+    """Upward acceleration [m/s^2] of smoke of density 1; below 0 it sinks."""
+    heat_buoyancy_m_s2_k: float = Field(default=9.81 / 293.0, ge=0.0, le=10.0)
+    """Upward acceleration [m/s^2] of gas 1 K hotter than the air; Boussinesq: g over the air's temperature."""
+    vorticity_confinement: float = Field(default=0.0, ge=0.0, le=50.0)
+    """Strength of Fedkiw, Stam & Jensen 2001, unitless: the same on every grid; 0 adds none."""
+    dissipation_per_s: float = Field(default=0.0, ge=0.0, le=1000.0)
+    """Share of the smoke that fades in a second (exponential rate)."""
+    cooling_per_s: float = Field(default=0.0, ge=0.0, le=1000.0)
+    """Rate at which temperature falls towards that of the air, exponential."""
+    radiation_k_per_s: float = Field(default=0.0, ge=0.0, le=100_000.0)
+    """How fast gas that is `burn.hottest_k` hot (1,000 K without fire) cools by radiation, with its fourth power."""
 
 
 class ScenarioConfig(Config):
-    """One simulation. World axes: x right, y up, z towards the viewer; the box is centred on the origin,
-    closed at its floor and sides and open at its top."""
+    """One simulation. World axes: x right, y up, z towards the viewer; the box is centred on the origin."""
 
     name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.-]+$")
     """Names files; letters, digits and _ . - only."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    """Seeds the gusts: another seed, another plume."""
+    """Seeds gusts and puffs: another seed, another plume."""
 
-    cells_xyz: tuple[Cells, Cells, Cells] = (32, 32, 32)
-    """Cells of the velocity grid along x, y, z."""
-    density_refinement: int = Field(default=2, ge=1, le=4)
-    """Density voxels along the edge of a velocity cell."""
-    longest_edge_m: float = Field(default=1.0, gt=0.0, le=1000.0)
-    """Longest edge of the box [m]."""
+    box_m: tuple[Edge, Edge, Edge] = (1.0, 1.0, 1.0)
+    """Edges of the box along x, y, z [m]; the shorter ones are rounded to whole cells."""
+    resolution: Resolution = "tiny"
+    """`tiny` (32 cells along the longest edge, 64 smoke voxels), `small` (64, 128), `medium` (100, 200), `paper`
+    (100, 400), or {cells, refinement}."""
 
     frames: int = Field(default=24, ge=1, le=10_000)
     """Frames to hand over."""
     warmup_frames: int = Field(default=0, ge=0, le=10_000)
     """Frames that pass before the first one that is handed over."""
-    steps_per_frame: int = Field(default=16, ge=1, le=1000)
-    """Lattice steps between two frames."""
-    steps_per_advection: int = Field(default=4, ge=1, le=64)
-    """Lattice steps between two moves of the smoke; fewer blur more."""
-    lattice_speed: float = Field(default=0.1, gt=0.0, le=0.15)
-    """Mean speed of the fastest inlet [cells/step]; sets the time step."""
+    frames_per_second: float = Field(default=20.0, gt=0.0, le=1000.0)
+    """Of simulated time."""
+    speed_m_s: float | None = Field(default=None, gt=0.0, le=1000.0)
+    """Speed [m/s] that moves at `lattice_speed`; without it, that of the fastest inlet or wind."""
+    lattice_speed: float = Field(default=0.1, gt=0.0, le=0.2)
+    """[cells/step]; sets the time step. Lower is slower and less compressible."""
 
     viscosity_m2_s: float = Field(default=1.5e-5, ge=0.0, le=10.0)
-    """Kinematic viscosity [m^2/s]; air by default, which leaves most of the work to `smagorinsky`."""
-    smagorinsky: float = Field(default=0.1, ge=0.0, le=0.3)
-    """Smagorinsky's constant C_s, unitless; below 0.1 thin air tends to blow up."""
-    buoyancy_m_s2: float = Field(default=0.0, ge=0.0, le=1000.0)
-    """Upward acceleration [m/s^2] of smoke of density 1."""
-    advection: Literal["cubic", "linear"] = "cubic"
-    """How smoke is read between voxels: clamped Catmull-Rom (sharp) or trilinear (fast, blurs)."""
+    """Kinematic viscosity [m^2/s]; air by default, which leaves most of the work to the flow's model."""
+    flow: AirConfig = AirConfig()
+    smoke: SmokeConfig = SmokeConfig()
+    burn: BurnConfig | None = None
+    """How fuel burns; without it there is no fire."""
 
-    inlets: tuple[InletConfig, ...] = Field(min_length=1, max_length=16)
-    obstacles: tuple[Obstacle, ...] = Field(default=(), max_length=64)
+    inlets: tuple[InletConfig, ...] = Field(default=(), max_length=16)
+    winds: tuple[WindConfig, ...] = Field(default=(), max_length=5)
+    puffs: tuple[PuffConfig, ...] = Field(default=(), max_length=64)
+    obstacles: tuple[ObstacleConfig, ...] = Field(default=(), max_length=64)
 
     @property
     def velocity_grid(self) -> Grid:
-        x, y, z = self.cells_xyz
-        return Grid.centred((z, y, x), longest_edge_m=self.longest_edge_m)
+        return grids(self.resolution, self.box_m)[0]
 
     @property
     def density_grid(self) -> Grid:
-        x, y, z = (n * self.density_refinement for n in self.cells_xyz)
-        return Grid.centred((z, y, x), longest_edge_m=self.longest_edge_m)
+        return grids(self.resolution, self.box_m)[1]
+
+    @property
+    def refinement(self) -> int:
+        """Smoke voxels along the edge of a velocity cell."""
+        return self.density_grid.shape_zyx[2] // self.velocity_grid.shape_zyx[2]
+
+    @property
+    def frame_s(self) -> float:
+        return 1.0 / self.frames_per_second
+
+    @property
+    def duration_s(self) -> float:
+        """From the start to the last frame [s]."""
+        return (self.warmup_frames + self.frames) * self.frame_s
+
+    @property
+    def timing(self) -> Timing:
+        return Timing.fit(
+            dx_m=self.velocity_grid.voxel_size_m,
+            frame_s=self.frame_s,
+            speed_m_s=self._speed_m_s(),
+            lattice_speed=self.lattice_speed,
+            reach_cells=_REACH_CELLS,
+        )
 
     @property
     def units(self) -> LatticeUnits:
-        return LatticeUnits.from_speed(
-            dx_m=self.velocity_grid.voxel_size_m,
-            speed_m_s=max(inlet.speed_m_s for inlet in self.inlets),
-            lattice_speed=self.lattice_speed,
-        )
+        return self.timing.units
+
+    @property
+    def blowing(self) -> tuple[WindConfig | InletConfig, ...]:
+        """All that imposes a velocity; inlets go before winds where both are."""
+        return self.winds + self.inlets
+
+    @property
+    def scalar_names(self) -> tuple[str, ...]:
+        """Fields that are carried: what nothing feeds or asks for is left out."""
+        if self.burn is not None:
+            return NEEDED
+        hot = any(source.temperature_k > 0.0 for source in (*self.inlets, *self.puffs))
+        return ("density", "temperature") if hot else ("density",)
+
+    @property
+    def scalar_faces(self) -> dict[Side, FaceKind]:
+        """What the faces are to smoke: through open ones and winds clear air comes in."""
+        blown = {wind.face for wind in self.winds}
+        kinds: dict[Side, FaceKind] = {}
+        for side in SIDES:
+            face = getattr(self.flow.faces, side)
+            is_open = face == "open" or side in blown
+            kinds[side] = "periodic" if face == "periodic" else "open" if is_open else "closed"
+        return kinds
+
+    def identity(self) -> dict[str, Any]:
+        """Plain values of all that shapes a frame: a mesh by its bytes instead of its path, and not how many frames
+        there are, because more of them change none."""
+        values = self.model_dump(mode="json", exclude={"frames"})
+        for body, held in zip(self.obstacles, values["obstacles"], strict=True):
+            if isinstance(body, Mesh):
+                held["path"] = sha256_file(Path(body.path))
+        return values
+
+    def _speed_m_s(self) -> float:
+        if self.speed_m_s is not None:
+            return self.speed_m_s
+        return max(source.speed_m_s for source in self.blowing)
 
     @model_validator(mode="after")
-    def _steps_fit(self) -> Self:
-        if self.steps_per_frame % self.steps_per_advection:
-            raise ValueError(
-                f"steps_per_frame={self.steps_per_frame} is no multiple of steps_per_advection="
-                f"{self.steps_per_advection}; smoke must arrive at every frame: change one of them"
-            )
+    def _something_happens(self) -> Self:
+        if not self.inlets and not self.puffs:
+            raise ValueError("no smoke: there are neither inlets nor puffs; add one of them")
+        if self.speed_m_s is None and not self.inlets and not self.winds:
+            raise ValueError("nothing says how fast it is: set speed_m_s, near the highest speed of the scene")
         return self
 
     @model_validator(mode="after")
-    def _smoke_leaves_no_gaps(self) -> Self:
-        reach = self.lattice_speed * self.steps_per_advection
-        if reach > 1.0:  # a disc on a wall is one cell thick
+    def _fuel_burns(self) -> Self:
+        fed = any(source.fuel > 0.0 for source in (*self.inlets, *self.puffs))
+        if fed and self.burn is None:
+            raise ValueError("a source feeds fuel that nothing burns; add a section `burn` or set fuel to 0")
+        if self.burn is not None and self.flow.encoding == "moments":
+            raise ValueError("fire makes gas, which flow.encoding='moments' cannot take in; use populations")
+        if self.burn is not None and not fed:
             raise ValueError(
-                f"steps_per_advection={self.steps_per_advection} skips {reach:.2g} cells at lattice_speed="
-                f"{self.lattice_speed}; smoke would leave its inlet in puffs above 1 cell: lower either"
+                "there is a section `burn` but no source of fuel; give an inlet or a puff some, or drop it"
             )
         return self
 
     @model_validator(mode="after")
     def _speeds_stay_subsonic(self) -> Self:
         to_lattice = self.units.velocity_to_lattice
-        peak = max(to_lattice(i.speed_m_s * (1.0 + abs(i.swirl) + 3.0 * i.turbulence)) for i in self.inlets)
+        peak = max((to_lattice(source.peak_m_s) for source in self.blowing), default=0.0)
         if peak > 0.35:
             raise ValueError(
-                f"an inlet peaks at {peak:.2f} cells/step with its swirl and gusts; at most 0.35 is stable: "
+                f"a source peaks at {peak:.2f} cells/step with its swirl and gusts; at most 0.35 is stable: "
                 f"lower lattice_speed={self.lattice_speed} to {self.lattice_speed * 0.35 / peak:.3f}"
             )
-        height = self.velocity_grid.extent_m[1]
-        fall = np.sqrt(2.0 * self.buoyancy_m_s2 * max(i.density for i in self.inlets) * height)
-        fall = to_lattice(float(fall))
-        if fall > 0.4:
+        sources = (*self.inlets, *self.puffs)
+        burning_k = self.burn.hottest_k if self.burn else 0.0
+        weight, lift = abs(self.smoke.buoyancy_m_s2), self.smoke.heat_buoyancy_m_s2_k
+        push = max(weight * s.density + lift * max(s.temperature_k, burning_k * (s.fuel > 0.0)) for s in sources)
+        rise = to_lattice(math.sqrt(2.0 * push * self.velocity_grid.extent_m[1]))
+        if rise > _FASTEST_LATTICE_SPEED:
             raise ValueError(
-                f"buoyancy_m_s2={self.buoyancy_m_s2} could lift smoke to {fall:.2f} cells/step; at most 0.4 is "
-                f"stable: lower it to {self.buoyancy_m_s2 * (0.4 / fall) ** 2:.3g} or lower lattice_speed"
+                f"buoyancy (of hot gas too) could drive smoke to {rise:.2f} cells/step; at most "
+                f"{_FASTEST_LATTICE_SPEED} is stable: lower it by a factor "
+                f"{(rise / _FASTEST_LATTICE_SPEED) ** 2:.2g}, lower lattice_speed, or set "
+                f"speed_m_s={self._speed_m_s() * rise / _FASTEST_LATTICE_SPEED:.3g}"
             )
         return self
 
     @model_validator(mode="after")
-    def _obstacles_fit(self) -> Self:
-        cell_m = self.velocity_grid.voxel_size_m
-        half = 0.5 * np.array(self.velocity_grid.extent_m)
-        for number, obstacle in enumerate(self.obstacles):
-            if obstacle.radius_m < 1.5 * cell_m:
+    def _winds_blow_out(self) -> Self:
+        for number, wind in enumerate(self.winds):
+            out = wind.face.replace("low", "HIGH").replace("high", "low").lower()
+            if getattr(self.flow.faces, out) != "open":
                 raise ValueError(
-                    f"obstacles.{number}: radius_m={obstacle.radius_m} is below 1.5 velocity cells of "
-                    f"{cell_m:.4g} m; make it at least {1.5 * cell_m:.4g} or raise cells_xyz"
+                    f"winds.{number}: what blows in through {wind.face} has no way out: make {out} open in flow.faces"
                 )
-            if np.any(np.abs(obstacle.centre_m) > half):
-                raise ValueError(
-                    f"obstacles.{number}: centre_m={obstacle.centre_m} lies outside the box, which reaches "
-                    f"{_text(half)} m to either side of the origin; move it in"
-                )
+            if getattr(self.flow.faces, wind.face) == "periodic":
+                raise ValueError(f"winds.{number}: {wind.face} is periodic; make it a wall, which the wind replaces")
         return self
 
     @model_validator(mode="after")
-    def _inlets_fit(self) -> Self:
-        cell_m = self.velocity_grid.voxel_size_m
-        half = 0.5 * np.array(self.velocity_grid.extent_m)
-        for number, inlet in enumerate(self.inlets):
-            if inlet.radius_m < 1.5 * cell_m:
-                raise ValueError(
-                    f"inlets.{number}: radius_m={inlet.radius_m} is below 1.5 velocity cells of "
-                    f"{cell_m:.4g} m; make it at least {1.5 * cell_m:.4g} or raise cells_xyz"
-                )
-            if np.any(np.abs(inlet.centre_m) > half + 1e-6 * cell_m):  # a tilted disc on a wall may cut into it
-                raise ValueError(
-                    f"inlets.{number}: centre_m={inlet.centre_m} lies outside the box, which reaches "
-                    f"{_text(half)} m to either side of the origin; move it in"
-                )
-            if np.any(np.abs(np.array(inlet.centre_m) + 2.0 * cell_m * inlet.axis) > half):
-                raise ValueError(
-                    f"inlets.{number}: blows from centre_m={inlet.centre_m} along {inlet.towards} out of the "
-                    "box; turn `towards` round or move the inlet away from the wall"
-                )
-            gap = float(distance_to_all(self.obstacles, inlet.rim()).min())
-            if gap < 2.0 * cell_m:
-                raise ValueError(
-                    f"inlets.{number}: an obstacle covers it or comes as near as {gap:.3g} m; leave two velocity "
-                    f"cells ({2.0 * cell_m:.3g} m) between them: move or shrink the obstacle"
-                )
+    def _everything_fits(self) -> Self:
+        check_places(
+            inlets=self.inlets,
+            puffs=self.puffs,
+            bodies=self.obstacles,
+            grid=self.velocity_grid,
+            units=self.units,
+            duration_s=self.duration_s,
+            frame_s=self.frame_s,
+        )
         return self
-
-
-def _text(half_m: np.ndarray) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in half_m) + ")"

@@ -1,53 +1,95 @@
-"""The simulation: owns the buffers and the order in which kernels run."""
+"""The simulation: air, bodies, smoke and fire, and the order in which they act on one another."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import warp as wp
 
 from sixway.core.records import DensityFrame
-from sixway.sim import kernels
-from sixway.sim.inlets import Gusts
-from sixway.sim.lattice import FLUID, INLET, OPEN, SOLID, SOUND_SPEED, relaxation_time
-from sixway.sim.obstacles import distance_to_all, solid_fraction, voxel_centres
+from sixway.sim.burn import Burner
+from sixway.sim.flow import INSIDE, Flow
+from sixway.sim.forces import Forces
+from sixway.sim.gusts_kernels import blow
+from sixway.sim.lattice import SOUND_SPEED
+from sixway.sim.moments import MomentFlow
+from sixway.sim.placement import SmokeSources, first_wind, imposed_cells
+from sixway.sim.scalars import Scalars
 from sixway.sim.scenario import ScenarioConfig
+from sixway.sim.voxelise import ObstacleField
+from sixway.sim.watch import Watch
 
-INSIDE = (slice(1, -1),) * 3
-"""The box within the shell of SOLID and OPEN cells that closes the periodic lattice."""
+
+class FlowError(RuntimeError):
+    """The flow blew up; the message tells the step and what to change."""
 
 
 class SmokeSolver:
     """Simulates one scenario on one device; the same scenario and device give the same bytes.
 
+    threads: CPU threads; they change no byte.
+
     >>> for frame in SmokeSolver(scenario, device="cpu").frames():  # doctest: +SKIP
     ...     save(frame)
     """
 
-    def __init__(self, scenario: ScenarioConfig, *, device: str) -> None:
+    def __init__(self, scenario: ScenarioConfig, *, device: str, threads: int = 1) -> None:
         self.scenario = scenario
-        self.lattice_steps = 0
+        self.frames_done = 0
+        self._timing = scenario.timing
+        self._units = units = self._timing.units
         self._device = wp.get_device(device)
-        self._units = scenario.units
-        self._tau = relaxation_time(self._units.viscosity_to_lattice(scenario.viscosity_m2_s))
-        self._lift_strength = self._units.acceleration_to_lattice(scenario.buoyancy_m_s2)
-        self._obstacle_fraction = solid_fraction(scenario.obstacles, scenario.density_grid)
+        velocity_grid, density_grid = scenario.velocity_grid, scenario.density_grid
+        cells = velocity_grid.shape_zyx
 
-        kind = cell_kinds(scenario)
-        self._shape = kind.shape
-        self._kind = self._put(kind, wp.int32)
-        self._lift = self._zeros(kind.shape, wp.float32)
-        self._velocity = self._zeros(kind.shape, wp.vec3)
-        self._populations = self._zeros((19, *kind.shape), wp.float32)
-        self._populations_next = wp.zeros_like(self._populations)
+        self._bodies = ObstacleField(
+            scenario.obstacles,
+            velocity_grid=velocity_grid,
+            density_grid=density_grid,
+            units=units,
+            device=device,
+            threads=threads,
+        )
+        make_flow = MomentFlow if scenario.flow.encoding == "moments" else Flow
+        viscosity = units.viscosity_to_lattice(scenario.viscosity_m2_s)
+        self._flow = make_flow(scenario.flow, shape_zyx=cells, viscosity=viscosity, device=device, threads=threads)
+        self._flow.set_flow(velocity=first_wind(scenario))
         self._make_inlets()
+        self._flow.set_solid(self._bodies.solid, self._bodies.wall_velocity)
+        self._flow.update_velocity()
 
-        self._obstacle = self._put(self._obstacle_fraction, wp.float32)
-        self._source = self._put(smoke_source(scenario), wp.float32)
-        self._smoke = wp.zeros_like(self._source)
-        self._smoke_next = wp.zeros_like(self._source)
+        smoke = scenario.smoke
+        self._scalars = Scalars(
+            scenario.scalar_names,
+            shape_zyx=cells,
+            refinement=scenario.refinement,
+            scheme=smoke.scheme,
+            faces=scenario.scalar_faces,
+            device=device,
+            threads=threads,
+        )
+        lifts = {"density": smoke.buoyancy_m_s2, "temperature": smoke.heat_buoyancy_m_s2_k}
+        confinement = smoke.vorticity_confinement * scenario.lattice_speed / max(cells)
+        self._forces = Forces(
+            self._scalars,
+            lifts={n: units.acceleration_to_lattice(a) for n, a in lifts.items() if n in self._scalars.names},
+            confinement=confinement,
+            device=device,
+            threads=threads,
+        )
+        self._burner = Burner(scenario.burn, self._scalars, device=device, threads=threads) if scenario.burn else None
+        if self._burner is not None:
+            self._flow.growth = self._burner.mass_source
+        self._sources = SmokeSources(scenario)
+        self._fed: tuple[tuple[int, ...], dict[str, wp.array]] | None = None
+        self._watch = Watch(limit=SOUND_SPEED, device=device)
+
+    @property
+    def time_s(self) -> float:
+        """Simulated since the start [s]."""
+        return self._flow.steps * self._units.dt_s
 
     def frames(self) -> Iterator[DensityFrame]:
-        """Warm up, then yield `scenario.frames` frames. Raises RuntimeError if the flow blows up."""
+        """Warm up, then yield `scenario.frames` frames. Raises FlowError if the flow blows up."""
         for _ in range(self.scenario.warmup_frames):
             self.advance()
         for _ in range(self.scenario.frames):
@@ -55,127 +97,123 @@ class SmokeSolver:
             yield self.frame()
 
     def advance(self) -> None:
-        """Run to the next frame. Raises RuntimeError, naming the remedy, if the flow blew up."""
-        for _ in range(self.scenario.steps_per_frame // self.scenario.steps_per_advection):
+        """Run to the next frame. Raises FlowError, naming the step and the remedy, if the flow blew up."""
+        for _ in range(self._timing.steps_per_frame // self._timing.steps_per_advection):
             self.step()
-        self._check_stable()
+        self._check_stable()  # the one wait for the device in a frame
+        self.frames_done += 1
 
     def step(self) -> None:
-        """Move the air by `steps_per_advection` lattice steps and then the smoke with it."""
-        self._lift_smoke()
-        for _ in range(self.scenario.steps_per_advection):
-            self._blow_inlets()
-            self._collide_and_stream()
-        self._advect_smoke()
+        """Move the air by `steps_per_advection` lattice steps and then smoke, heat and fire with it."""
+        count = self._timing.steps_per_advection
+        seconds = count * self._units.dt_s
+        self._place_bodies()
+        self._forces.update(self._flow.velocity, self._flow.force)
+        self._blow()
+        self._flow.step(count)
+        self._flow.update_velocity()
+        self._watch.look(self._flow.velocity, self._flow.steps)
+        self._scalars.advect(self._flow.velocity, steps=float(count), solid_fraction=self._bodies.fraction)
+        self._feed(seconds)
+        self._fade(seconds)
+        if self._burner is not None:
+            self._burner.burn(seconds=seconds, steps=float(count))
 
     def frame(self) -> DensityFrame:
         """The smoke now; `time_s` counts from the moment when the inlets opened."""
-        velocity = np.ascontiguousarray(self._velocity.numpy()[INSIDE])
+        velocity = np.ascontiguousarray(self._flow.velocity.numpy()[INSIDE])
         return DensityFrame(
-            density=self._smoke.numpy().copy(),
+            density=self._scalars.fields["density"].numpy().copy(),
             grid=self.scenario.density_grid,
-            time_s=self.lattice_steps * self._units.dt_s,
+            time_s=self.time_s,
             velocity_m_s=velocity * np.float32(self._units.velocity_m_s),
-            obstacle=self._obstacle_fraction,
+            obstacle=self._bodies.fraction.numpy().copy() if self.scenario.obstacles else None,
+            emission=None if self._burner is None else self._burner.emission().numpy().copy(),
         )
 
-    def _lift_smoke(self) -> None:
-        if self._lift_strength == 0.0:
-            return
-        inputs = [self._smoke, self.scenario.density_refinement, self._lift_strength, self._lift]
-        self._launch(kernels.buoyancy, self.scenario.velocity_grid.shape_zyx, inputs)
+    def state(self) -> dict[str, np.ndarray]:
+        """All that `restore` needs to go on with the same bytes. Waits for the device."""
+        flow = {f"flow.{name}": array for name, array in self._flow.state().items()}
+        burner = {} if self._burner is None else {"mass_source": self._burner.mass_source.numpy().copy()}
+        return {**flow, **self._scalars.state(), **burner, "frames_done": np.array(self.frames_done)}
 
-    def _blow_inlets(self) -> None:
-        inputs = [*self._inlet_arrays, float(self.lattice_steps), self._velocity]
-        self._launch(kernels.blow, (len(self._inlet_arrays[0]),), inputs)
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from a `state` of the same scenario. Raises ValueError if an array does not fit."""
+        if "frames_done" not in state or (self._burner is not None and "mass_source" not in state):
+            raise ValueError("the state is not one of this scenario: it lacks frames_done or mass_source")
+        self._flow.restore({name.removeprefix("flow."): a for name, a in state.items() if name.startswith("flow.")})
+        self._scalars.restore(state)
+        if self._burner is not None:
+            self._burner.mass_source.assign(state["mass_source"])
+        self.frames_done = int(state["frames_done"])
+        self._bodies.update(self.time_s)
 
-    def _collide_and_stream(self) -> None:
-        before, after = self._populations, self._populations_next
-        inputs = [self._kind, self._lift, self._tau, self.scenario.smagorinsky, before, after, self._velocity]
-        self._launch(kernels.collide_and_stream, self._shape, inputs)
-        self._populations, self._populations_next = after, before
-        self.lattice_steps += 1
+    def _place_bodies(self) -> None:
+        """Moving bodies go to where they are in the middle of the coming steps."""
+        if self._bodies.moving:
+            self._bodies.update(self.time_s + 0.5 * self._timing.steps_per_advection * self._units.dt_s)
+            self._flow.set_solid(self._bodies.solid, self._bodies.wall_velocity)
 
-    def _advect_smoke(self) -> None:
-        before, after = self._smoke, self._smoke_next
-        refinement, steps = float(self.scenario.density_refinement), float(self.scenario.steps_per_advection)
-        cubic = self.scenario.advection == "cubic"
-        inputs = [self._velocity, self._source, self._obstacle, refinement, steps, cubic, before, after]
-        self._launch(kernels.advect, before.shape, inputs)
-        self._smoke, self._smoke_next = after, before
+    def _blow(self) -> None:
+        cells = len(self._inlets[0])
+        inputs = [*self._inlets, float(self._flow.steps), self._flow.imposed]
+        wp.launch(blow, dim=cells, inputs=inputs, device=self._device)
 
-    def _check_stable(self) -> None:
-        fastest = float(np.abs(self._velocity.numpy()).max())  # the one wait for the device in a frame
-        if not fastest < SOUND_SPEED:  # also true of NaN
-            raise RuntimeError(
-                f"scenario {self.scenario.name!r} blew up by lattice step {self.lattice_steps}: the air moves at "
-                f"{fastest:.3g} cells/step and must stay below {SOUND_SPEED:.3g}; lower lattice_speed="
-                f"{self.scenario.lattice_speed}, raise smagorinsky={self.scenario.smagorinsky} (0.1 is safe) or "
-                f"raise viscosity_m2_s={self.scenario.viscosity_m2_s}"
+    def _feed(self, seconds: float) -> None:
+        now = self._flow.steps * self._units.dt_s
+        puffs = self._sources.active(since_s=now - seconds, until_s=now)
+        if self._fed is None or self._fed[0] != puffs:
+            fields = self._sources.fields(puffs)
+            self._fed = puffs, {name: self._put(field, wp.float32) for name, field in fields.items()}
+        for name, source in self._fed[1].items():
+            self._scalars.feed(name, source)
+
+    def _fade(self, seconds: float) -> None:
+        smoke = self.scenario.smoke
+        self._scalars.dissipate("density", rate_per_s=smoke.dissipation_per_s, seconds=seconds)
+        if "temperature" in self._scalars.names:
+            self._scalars.cool(
+                "temperature",
+                rate_per_s=smoke.cooling_per_s,
+                radiation_k_per_s=smoke.radiation_k_per_s,
+                hottest_k=self.scenario.burn.hottest_k if self.scenario.burn else 1000.0,
+                seconds=seconds,
             )
 
+    def _check_stable(self) -> None:
+        broken = self._watch.broken_step()
+        if broken is None:
+            return
+        scenario = self.scenario
+        raise FlowError(
+            f"scenario {scenario.name!r} blew up at lattice step {broken} (frame {self.frames_done}): the air is not "
+            f"finite or reaches {SOUND_SPEED:.3g} cells/step, the speed of sound; lower "
+            f"lattice_speed={scenario.lattice_speed}, raise flow.smagorinsky={scenario.flow.smagorinsky} (0.1 is "
+            f"safe), raise viscosity_m2_s={scenario.viscosity_m2_s}, or raise speed_m_s if fire or buoyancy drives it"
+        )
+
     def _make_inlets(self) -> None:
-        """Arrays of `kernels.blow`: one row per INLET cell, one row of gusts per inlet."""
-        scenario, units = self.scenario, self._units
-        owner = inlet_of_cell(scenario)
-        z, y, x = np.nonzero(owner >= 0)
-        number = owner[z, y, x]
-        points = voxel_centres(scenario.velocity_grid)[z, y, x]
-        mean = np.zeros((len(number), 3))
-        gusts = []
-        for n, inlet in enumerate(scenario.inlets):
-            mean[number == n] = units.velocity_to_lattice(1.0) * inlet.mean_velocity(points[number == n])
-            rng = np.random.default_rng([scenario.seed, n])
-            speed = units.velocity_to_lattice(inlet.speed_m_s)
-            radius = inlet.radius_m / units.dx_m
-            gusts.append(Gusts.draw(rng, radius=radius, speed=speed, turbulence=inlet.turbulence))
-        self._inlet_arrays = [
-            self._put(np.stack([x, y, z], axis=1) + 1, wp.vec3i),
-            self._put(number, wp.int32),
-            self._put(mean, wp.vec3),
-            self._put(np.stack([g.wave for g in gusts]), wp.vec3),
-            self._put(np.stack([g.amplitude for g in gusts]), wp.vec3),
-            self._put(np.stack([g.frequency for g in gusts]), wp.float32),
-            self._put(np.stack([g.phase for g in gusts]), wp.float32),
+        """Arrays of `blow`: one row per INLET cell, one row of gusts per source."""
+        imposed = imposed_cells(self.scenario)
+        x, y, z = imposed.cell.T
+        inlet = np.zeros(self._flow.kind.shape, np.int32)
+        inlet[z, y, x] = 1
+        self._flow.set_inlets(self._put(inlet, wp.int32))
+        gusts = imposed.gusts
+        self._inlets = [
+            self._put(imposed.cell.astype(np.int32), wp.vec3i),
+            self._put(imposed.source.astype(np.int32), wp.int32),
+            self._put(imposed.mean, wp.vec3),
+            self._put(_stacked([g.wave for g in gusts], 3), wp.vec3),
+            self._put(_stacked([g.amplitude for g in gusts], 3), wp.vec3),
+            self._put(_stacked([g.frequency for g in gusts]), wp.float32),
+            self._put(_stacked([g.phase for g in gusts]), wp.float32),
         ]
 
     def _put(self, values: np.ndarray, dtype: type) -> wp.array:
         return wp.array(values, dtype=dtype, device=self._device)
 
-    def _zeros(self, shape: tuple[int, ...], dtype: type) -> wp.array:
-        return wp.zeros(shape, dtype=dtype, device=self._device)
 
-    def _launch(self, kernel: wp.Kernel, dim: tuple[int, ...], inputs: list) -> None:
-        wp.launch(kernel, dim=dim, inputs=inputs, device=self._device)
-
-
-def inlet_of_cell(scenario: ScenarioConfig) -> np.ndarray:
-    """Number of the inlet that each velocity cell belongs to, -1 for none, [z, y, x]."""
-    grid = scenario.velocity_grid
-    centres = voxel_centres(grid)
-    owner = np.full(grid.shape_zyx, -1)
-    for number, inlet in enumerate(scenario.inlets):
-        # one cell to either side leaves no hole in a tilted disc, and one layer on a wall
-        owner[inlet.covers(centres, half_thickness_m=grid.voxel_size_m)] = number
-    return owner
-
-
-def cell_kinds(scenario: ScenarioConfig) -> np.ndarray:
-    """Kind of each cell, [z + 2, y + 2, x + 2] int32: the box in a shell, SOLID but for the OPEN top."""
-    grid = scenario.velocity_grid
-    box = np.where(inlet_of_cell(scenario) >= 0, INLET, FLUID)
-    box[distance_to_all(scenario.obstacles, voxel_centres(grid)) < 0.0] = SOLID
-    kind = np.full([n + 2 for n in grid.shape_zyx], SOLID, dtype=np.int32)
-    kind[1:-1, -1, 1:-1] = OPEN
-    kind[INSIDE] = box
-    return kind
-
-
-def smoke_source(scenario: ScenarioConfig) -> np.ndarray:
-    """Density that the inlets keep up, [z, y, x] float32 on the density grid, 0 elsewhere."""
-    centres = voxel_centres(scenario.density_grid)
-    source = np.zeros(scenario.density_grid.shape_zyx, dtype=np.float32)
-    for inlet in scenario.inlets:
-        covered = inlet.covers(centres, half_thickness_m=scenario.velocity_grid.voxel_size_m)
-        source[covered] = np.maximum(source[covered], inlet.density)
-    return source
+def _stacked(rows: list[np.ndarray], *components: int) -> np.ndarray:
+    """One row per source; an array without rows where there is no source."""
+    return np.stack(rows) if rows else np.zeros((0, 1, *components))

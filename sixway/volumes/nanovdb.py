@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
+from jaxtyping import Float
 
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
@@ -54,10 +55,14 @@ class _GridEntry:
     stored: int
 
 
-def list_nanovdb(path: Path) -> list[GridInfo]:
-    """The grids of a file with their boxes. Raises VolumeError for other files and damage."""
+def list_nanovdb(path: Path, *, boxes: bool = True) -> list[GridInfo]:
+    """The grids of a file with their boxes. Raises VolumeError for other files and damage.
+
+    boxes: whether to unpack the grids at all; names and kinds stand in the header.
+    """
     data = read_bounded(path)
-    return [_with_box(path, entry, _unpack(path, data, entry)) for entry in _read_entries(path, data)]
+    entries = _read_entries(path, data)
+    return [_with_box(path, entry, _unpack(path, data, entry)) if boxes else entry.info for entry in entries]
 
 
 def read_nanovdb(path: Path, *, grid_name: str | None = None) -> DensityFrame:
@@ -66,6 +71,12 @@ def read_nanovdb(path: Path, *, grid_name: str | None = None) -> DensityFrame:
     Raises VolumeError if the file is no NanoVDB file, is truncated, holds no such grid, or if the grid
     is a level set, no float grid, or too large.
     """
+    values, grid = read_nanovdb_values(path, grid_name=grid_name)
+    return DensityFrame(density=checked_density(str(path), values), grid=grid)
+
+
+def read_nanovdb_values(path: Path, *, grid_name: str | None) -> tuple[Float[np.ndarray, "z y x"], Grid]:
+    """The values of a float grid as they stand in the file, which may be negative or NaN; else as `read_nanovdb`."""
     data = read_bounded(path)
     entries = _read_entries(path, data)
     entry = entries[choose_grid(path, [entry.info for entry in entries], grid_name)]
@@ -75,7 +86,7 @@ def read_nanovdb(path: Path, *, grid_name: str | None = None) -> DensityFrame:
     except struct.error as error:
         raise VolumeError(f"{path}: truncated grid; export it again") from error
     if box is None:
-        return DensityFrame(density=np.zeros(grid.shape_zyx, np.float32), grid=grid)
+        return np.zeros(grid.shape_zyx, np.float32), grid
     header = HEADER.pack(MAGIC, VERSION, 1, CODEC_NONE)
     meta = bytearray(META_BYTES)
     struct.pack_into("<Q", meta, 8, len(grid_data))  # all that Warp reads of the metadata
@@ -86,7 +97,7 @@ def read_nanovdb(path: Path, *, grid_name: str | None = None) -> DensityFrame:
     dense = wp.empty(grid.shape_zyx, dtype=float, device="cpu")
     inputs = [volume.id, wp.vec3i(*box[0])]
     wp.launch(kernels.densify, dim=grid.shape_zyx, inputs=inputs, outputs=[dense], device="cpu")
-    return DensityFrame(density=checked_density(str(path), dense.numpy()), grid=grid)
+    return dense.numpy(), grid
 
 
 def _read_entries(path: Path, data: bytes) -> list[_GridEntry]:

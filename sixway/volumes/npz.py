@@ -8,11 +8,13 @@ import zlib
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
 from sixway.core.store import atomic_path
 from sixway.volumes.limits import LARGEST_FILE_BYTES, VolumeError, check_size, checked_density
+from sixway.volumes.listing import GridInfo
 
 # What zipfile and NumPy raise on damaged archives: bad bytes, bad lengths, flags of encryption or unknown methods
 _DAMAGE = (
@@ -54,34 +56,15 @@ def read_npz(path: Path) -> DensityFrame:
     Raises VolumeError if the file is truncated, too large, holds pickled objects, lacks ``density``, or
     holds NaN or negative values.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            total = sum(entry.file_size for entry in archive.infolist())
-        if total > LARGEST_FILE_BYTES:
-            raise VolumeError(f"{path}: unpacks to {total} bytes, over {LARGEST_FILE_BYTES}; resample it")
-        with np.load(path, allow_pickle=False) as arrays:
-            held = {name: arrays[name] for name in arrays.files}
-    except (VolumeError, FileNotFoundError):
-        raise
-    except _DAMAGE as error:
-        raise VolumeError(f"{path}: not a readable .npz of plain arrays ({error}); write it again") from error
+    held = _arrays(path)
     density = held.get("density")
     if density is None or density.ndim != 3:
         raise VolumeError(f"{path}: needs a 3D array 'density' [z, y, x]; it holds {sorted(held)}")
     try:
         smoke = _density(path, density)
-        z, y, x = smoke.shape
-        if "voxel_size_m" in held:
-            grid = Grid(
-                shape_zyx=(z, y, x),
-                voxel_size_m=float(held["voxel_size_m"]),
-                origin_m=tuple(float(v) for v in held.get("origin_m", (0.0, 0.0, 0.0))),  # type: ignore[arg-type]
-            )
-        else:
-            grid = Grid.centred((z, y, x))
         return DensityFrame(
             density=smoke,
-            grid=grid,
+            grid=_grid(held, smoke),
             time_s=float(held.get("time_s", 0.0)),
             velocity_m_s=_optional(held.get("velocity_m_s")),
             obstacle=_optional(held.get("obstacle")),
@@ -91,6 +74,53 @@ def read_npz(path: Path) -> DensityFrame:
         raise
     except (ValueError, TypeError) as error:
         raise VolumeError(f"{path}: {error}") from error
+
+
+def list_npz(path: Path) -> list[GridInfo]:
+    """The arrays of a file, by name; what they hold is looked at when they are read. Raises VolumeError for damage."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [name.removesuffix(".npy") for name in archive.namelist()]
+    except _DAMAGE as error:
+        raise VolumeError(f"{path}: not a readable .npz of plain arrays ({error}); write it again") from error
+    return [GridInfo(name=name, kind="float", grid_class="unknown") for name in names]
+
+
+def read_npz_values(path: Path, name: str) -> tuple[Float[np.ndarray, "z y x"], Grid]:
+    """An array of a file and where it lies, its values as they stand there. Raises VolumeError."""
+    held = _arrays(path)
+    values = held[name]
+    if values.ndim != 3 or values.dtype.kind not in "fiub":
+        raise VolumeError(f"{path}: {name!r} is {values.dtype} {values.shape}, not numbers [z, y, x]; rename it")
+    check_size(f"{path} ({name!r})", (values.shape[0], values.shape[1], values.shape[2]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = np.ascontiguousarray(values, dtype=np.float32)
+    return values, _grid(held, values)
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            total = sum(entry.file_size for entry in archive.infolist())
+        if total > LARGEST_FILE_BYTES:
+            raise VolumeError(f"{path}: unpacks to {total} bytes, over {LARGEST_FILE_BYTES}; resample it")
+        with np.load(path, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (VolumeError, FileNotFoundError):
+        raise
+    except _DAMAGE as error:
+        raise VolumeError(f"{path}: not a readable .npz of plain arrays ({error}); write it again") from error
+
+
+def _grid(held: dict[str, np.ndarray], values: Float[np.ndarray, "z y x"]) -> Grid:
+    z, y, x = values.shape
+    if "voxel_size_m" not in held:
+        return Grid.centred((z, y, x))
+    return Grid(
+        shape_zyx=(z, y, x),
+        voxel_size_m=float(held["voxel_size_m"]),
+        origin_m=tuple(float(v) for v in held.get("origin_m", (0.0, 0.0, 0.0))),  # type: ignore[arg-type]
+    )
 
 
 def read_npy(path: Path) -> DensityFrame:

@@ -8,6 +8,7 @@ import numpy as np
 
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
+from sixway.volumes.fire import EmissionRule, with_fire
 from sixway.volumes.limits import VolumeError
 from sixway.volumes.listing import GridInfo
 from sixway.volumes.nanovdb import list_nanovdb, read_nanovdb
@@ -17,23 +18,27 @@ from sixway.volumes.vdb import list_vdb, read_vdb
 from sixway.volumes.vol import read_vol
 
 Up = Literal["y", "z"]
+_FIRE_BY_NAME = EmissionRule()
 READABLE = (".vdb", ".nvdb", ".vol", ".npz", ".npy", ".pbrt")
 
 
-def read_volume(path: Path, *, up: Up = "y", grid_name: str | None = None) -> DensityFrame:
+def read_volume(
+    path: Path, *, grid: str | None = None, up: Up = "y", emission: EmissionRule | None = _FIRE_BY_NAME
+) -> DensityFrame:
     """Read a volume of any format in `READABLE`.
 
-    up: which axis of the file points up; z-up is turned to our y-up. grid_name: which grid of a .vdb or .nvdb;
-    None or "density" also take the only scalar fog grid, whatever its name. A grid without smoke is zeros.
+    grid: name of the smoke's grid in a .vdb or .nvdb; None or "density" also take the only scalar fog grid,
+    whatever its name. A grid without smoke is zeros. up: which axis of the file points up; z-up is turned to our
+    y-up. emission: which grid of a .vdb, .nvdb or .npz burns, and how brightly (`EmissionRule`); None reads none.
     Raises FileNotFoundError, or VolumeError with the reason and the remedy.
     """
     _check_exists(path)
     try:
         match path.suffix.lower():
             case ".vdb":
-                frame = read_vdb(path, grid_name=grid_name)
+                frame = read_vdb(path, grid_name=grid)
             case ".nvdb":
-                frame = read_nanovdb(path, grid_name=grid_name)
+                frame = read_nanovdb(path, grid_name=grid)
             case ".vol":
                 frame = read_vol(path)
             case ".npz":
@@ -45,6 +50,7 @@ def read_volume(path: Path, *, up: Up = "y", grid_name: str | None = None) -> De
             case suffix:
                 known = " ".join(READABLE)
                 raise VolumeError(f"{path}: cannot read {suffix or 'files without a suffix'!r}; known: {known}")
+        frame = with_fire(path, frame, emission)
         return frame if up == "y" else z_up_to_y_up(frame)
     except VolumeError:
         raise
@@ -65,7 +71,7 @@ def list_grids(path: Path) -> list[GridInfo]:
             return list_vdb(path)
         case ".nvdb":
             return list_nanovdb(path)
-    z, y, x = read_volume(path).density.shape
+    z, y, x = read_volume(path, emission=None).density.shape
     box = ((0, 0, 0), (x - 1, y - 1, z - 1))
     return [GridInfo(name="density", kind="float", grid_class="fog volume", box=box)]
 

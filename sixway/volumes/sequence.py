@@ -4,22 +4,32 @@ A sparse file covers only what is filled, so the box of each frame is another. F
 would swim in the picture.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
-from sixway.volumes.extinction import DEFAULT_OPTICAL_DEPTH, extinction_for_optical_depth
-from sixway.volumes.limits import VolumeError, check_size
+from sixway.volumes.boxes import common_grid, moved
+from sixway.volumes.extinction import (
+    DEFAULT_OPTICAL_DEPTH,
+    DEFAULT_RADIANCE,
+    extinction_for_optical_depth,
+    thick_column,
+)
+from sixway.volumes.fire import EmissionRule
+from sixway.volumes.limits import VolumeError
 from sixway.volumes.read import Up, read_volume
+
+_FIRE_BY_NAME = EmissionRule()
 
 
 @dataclass(frozen=True, kw_only=True)
 class VolumeSequence:
     """Volumes in order. grid: the box of them all. extinction_per_m: brings the densest frame to the optical
-    depth that was asked for. highest_density: over all frames."""
+    depth that was asked for. highest_density: over all frames. emission: how their fire is read, its strength
+    settled; None if none of them could burn, else every frame has emission, 0 where it does not burn."""
 
     paths: tuple[Path, ...]
     up: Up
@@ -27,10 +37,15 @@ class VolumeSequence:
     grid: Grid
     extinction_per_m: float
     highest_density: float
+    emission: EmissionRule | None
 
     def read(self, number: int) -> DensityFrame:
         """Frame `number` in the common box."""
-        return placed(read_volume(self.paths[number], up=self.up, grid_name=self.grid_name), self.grid)
+        path = self.paths[number]
+        frame = placed(read_volume(path, up=self.up, grid=self.grid_name, emission=self.emission), self.grid)
+        if self.emission is None or frame.emission is not None:
+            return frame
+        return replace(frame, emission=np.zeros_like(frame.density))
 
 
 def open_sequence(
@@ -39,27 +54,36 @@ def open_sequence(
     up: Up = "y",
     grid_name: str | None = None,
     optical_depth: float = DEFAULT_OPTICAL_DEPTH,
+    emission: EmissionRule | None = _FIRE_BY_NAME,
 ) -> VolumeSequence:
-    """Read every frame once and measure the whole.
+    """Read every frame once and measure the whole. emission: as for `read_volume`.
 
     Raises VolumeError if no frame holds smoke, or if voxel sizes differ by more than 1 %.
     """
     grids, extinctions, highest = [], [], 0.0
+    burns, thickest_fire = False, 0.0
     for path in paths:
-        frame = read_volume(path, up=up, grid_name=grid_name)
+        frame = read_volume(path, up=up, grid=grid_name, emission=emission)
+        fire = frame.emission
+        if frame.density.any() or (fire is not None and fire.any()):
+            grids.append((str(path), frame.grid))
         if frame.density.any():
-            grids.append((path, frame.grid))
             extinctions.append(extinction_for_optical_depth(frame, optical_depth=optical_depth))
             highest = max(highest, float(frame.density.max()))
-    if not grids:
+        if fire is not None:
+            burns, thickest_fire = True, max(thickest_fire, thick_column(fire, frame.grid.voxel_size_m))
+    if not extinctions:
         raise VolumeError(f"{paths[0]}: holds no smoke, nor do the {len(paths) - 1} after it; choose another grid")
+    if emission is not None and emission.strength_per_m is None and thickest_fire > 0.0:
+        emission = replace(emission, strength_per_m=DEFAULT_RADIANCE / thickest_fire)
     return VolumeSequence(
         paths=tuple(paths),
         up=up,
         grid_name=grid_name,
-        grid=_union(grids),
+        grid=common_grid(grids),
         extinction_per_m=min(extinctions),
         highest_density=highest,
+        emission=emission if burns else None,
     )
 
 
@@ -67,45 +91,13 @@ def placed(frame: DensityFrame, grid: Grid) -> DensityFrame:
     """The frame's density, obstacles and fire in a larger box, moved by whole voxels; its wind stays behind."""
     if frame.grid == grid:
         return frame
-    first = [round((a - b) / grid.voxel_size_m) for a, b in zip(frame.grid.origin_m, grid.origin_m, strict=True)]
-
-    def moved(volume: np.ndarray) -> np.ndarray:
-        larger = np.zeros(grid.shape_zyx, np.float32)
-        target, source = [], []
-        for start, size, whole in zip(reversed(first), volume.shape, grid.shape_zyx, strict=True):
-            low, high = max(start, 0), min(start + size, whole)
-            target.append(slice(low, max(low, high)))
-            source.append(slice(low - start, max(low, high) - start))
-        larger[tuple(target)] = volume[tuple(source)]
-        return larger
-
     return DensityFrame(
-        density=moved(frame.density),
+        density=moved(frame.density, frame.grid, grid),
         grid=grid,
         time_s=frame.time_s,
-        obstacle=None if frame.obstacle is None else moved(frame.obstacle),
-        emission=None if frame.emission is None else moved(frame.emission),
+        obstacle=None if frame.obstacle is None else moved(frame.obstacle, frame.grid, grid),
+        emission=None if frame.emission is None else moved(frame.emission, frame.grid, grid),
     )
-
-
-def _union(grids: list[tuple[Path, Grid]]) -> Grid:
-    """The smallest box on the voxels of the first grid that holds all of them."""
-    first = grids[0][1]
-    size = first.voxel_size_m
-    for path, grid in grids:
-        if abs(grid.voxel_size_m / size - 1.0) > 0.01:
-            raise VolumeError(
-                f"{path}: its voxels are {grid.voxel_size_m:g} m wide, those of {grids[0][0].name} {size:g} m; "
-                "resample the sequence to one voxel size"
-            )
-    if all(grid == first for _, grid in grids):
-        return first
-    lower = np.min([grid.origin_m for _, grid in grids], axis=0)
-    upper = np.max([np.add(grid.origin_m, grid.extent_m) for _, grid in grids], axis=0)
-    lower = np.array(first.origin_m) - np.ceil((np.array(first.origin_m) - lower) / size - 1e-3) * size
-    x, y, z = (int(n) for n in np.ceil((upper - lower) / size - 1e-3))
-    check_size(str(grids[0][0].parent), (z, y, x))
-    return Grid(shape_zyx=(z, y, x), voxel_size_m=size, origin_m=(float(lower[0]), float(lower[1]), float(lower[2])))
 
 
 def slice_frames(paths: list[Path], text: str | None) -> list[Path]:

@@ -8,6 +8,7 @@ Velocity is left aside: its unit is not told by the file (Houdini m/s, Blender i
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
@@ -18,11 +19,14 @@ from sixway.volumes.vdb_tree import active_box, read_dense, read_topology
 from sixway.volumes.vdb_values import KINDS
 
 
-def list_vdb(path: Path) -> list[GridInfo]:
-    """The grids of a file, with the boxes of those whose trees can be walked. Raises VolumeError."""
+def list_vdb(path: Path, *, boxes: bool = True) -> list[GridInfo]:
+    """The grids of a file, with the boxes of those whose trees can be walked. Raises VolumeError.
+
+    boxes: whether to walk the trees at all; names and kinds stand in the header.
+    """
     data = read_bounded(path)
     descriptors = read_descriptors(path, data)
-    return [_info(grid, _box(path, data, grid, descriptors)) for grid in descriptors]
+    return [_info(grid, _box(path, data, grid, descriptors) if boxes else None) for grid in descriptors]
 
 
 def read_vdb(path: Path, *, grid_name: str | None = None) -> DensityFrame:
@@ -32,6 +36,12 @@ def read_vdb(path: Path, *, grid_name: str | None = None) -> DensityFrame:
     the first frames of a sequence often are empty. OpenVDB centres a voxel on its integer index.
     Raises VolumeError for what is no fog, not axis-aligned, too large, damaged, or Blosc without numcodecs.
     """
+    values, grid = read_vdb_values(path, grid_name=grid_name)
+    return DensityFrame(density=checked_density(str(path), values), grid=grid)
+
+
+def read_vdb_values(path: Path, *, grid_name: str | None) -> tuple[Float[np.ndarray, "z y x"], Grid]:
+    """The values of a scalar grid as they stand in the file, which may be negative or NaN; else as `read_vdb`."""
     data = read_bounded(path)
     descriptors = read_descriptors(path, data)
     chosen = descriptors[choose_grid(path, [_info(grid, None) for grid in descriptors], grid_name)]
@@ -46,11 +56,11 @@ def read_vdb(path: Path, *, grid_name: str | None = None) -> DensityFrame:
     origin = (float(x), float(y), float(z))
     if box is None:
         grid = empty_grid(voxel_size_m=edge, origin_m=origin)
-        return DensityFrame(density=np.zeros(grid.shape_zyx, np.float32), grid=grid)
+        return np.zeros(grid.shape_zyx, np.float32), grid
     size_x, size_y, size_z = (last - low + 1 for low, last in zip(*box, strict=True))
     check_size(source, (size_z, size_y, size_x))
-    density = checked_density(source, read_dense(str(path), data, tree, owner.blocks_at, box))
-    return DensityFrame(density=density, grid=Grid(shape_zyx=density.shape, voxel_size_m=edge, origin_m=origin))
+    values = read_dense(str(path), data, tree, owner.blocks_at, box)
+    return values, Grid(shape_zyx=values.shape, voxel_size_m=edge, origin_m=origin)
 
 
 def _info(grid: Descriptor, box: Box | None) -> GridInfo:

@@ -4,12 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from sixway.bake import main
+from sixway.bake import SHEET, main
 from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.exr import read_exr, read_exr_attributes
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
+from sixway.shading.fire import ArtistRamp, fire_colour
+from sixway.shading.sheet import lightmap_sheet
 from sixway.volumes.npz import write_npz
 
 JET = Path(__file__).parents[1] / "data/jet.npz"
@@ -80,11 +83,15 @@ def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("--albedo", "1.5"), "albedo 1.5 must lie in"),
+        (("--albedo", "1.5"), "albedo 1.5 must be one number in"),
         (("--samples", "0"), "samples: input should be greater than or equal to 1"),
         (("--resolution", "0"), "size '0' is not N or WxH"),
         (("--frames", "3:9"), "--frames '3:9' is not A:B"),
         (("--optical-depth", "-1"), "--optical-depth -1.0 must be positive"),
+        (("--emission", "flame"), "holds no grid 'flame'"),
+        (("--emission-scale", "0"), "--emission-scale 0.0 must be positive"),
+        (("--emission-threshold", "-1"), "emission threshold -1.0 must be 0 or positive"),
+        (("--self-lit",), "--self-lit: these volumes hold no fire"),
         (("--camera-pitch", "90"), "pitch 90.0 deg must lie strictly between"),
     ],
 )
@@ -96,3 +103,67 @@ def test_bad_options_are_told_once(
     assert says in told
     assert told.count("error:") == 1
     assert not (tmp_path / "maps").exists()
+
+
+@pytest.fixture
+def burning(tmp_path: Path) -> Path:
+    """Two boxes of smoke: one burns in its left half, the other is burnt out."""
+    folder = tmp_path / "fire"
+    folder.mkdir()
+    flame = np.zeros((8, 8, 8), np.float32)
+    flame[..., :4] = 0.5
+    for number, fire in enumerate((flame, 0.0 * flame)):
+        density = np.full((8, 8, 8), 0.2, np.float32)
+        np.savez(folder / f"fire_{number}.npz", density=density, flame=fire, voxel_size_m=0.1)
+    return folder
+
+
+def test_fire_has_its_layer_its_own_light_and_a_place_in_the_sheet(
+    burning: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "maps"
+    arguments = (burning, "--out", out, "--bounces", "single", "--optical-depth", "2", *SMALL)
+    assert bake(*arguments, "--self-lit") == 0
+    assert "fire of" in capsys.readouterr().out
+    files = sorted(out.glob("*.exr"))
+    fire, glow, front = np.moveaxis(read_exr(files[0], ("emissive", "self_lit", "front")), -1, 0)
+    assert fire[:, :10].sum() > 20.0 * fire[:, 11:].sum()
+    assert glow[:, :10].sum() > 1.5 * glow[:, 11:].sum() > 0.0  # it lights the smoke beside it
+    assert front.max() > 0.0
+    burnt_out = read_exr(files[1], ("emissive", "self_lit"))
+    assert not burnt_out.any()
+    with Image.open(out / SHEET) as sheet:
+        assert sheet.size == (9 * (144 + 4) + 4, 2 * (115 + 18 + 4) + 2 * 18)
+        pixels = np.asarray(sheet).astype(int)
+    emissive = pixels[36 : 36 + 115, 4 + 7 * 148 : 4 + 8 * 148]
+    assert (emissive[..., 0] - emissive[..., 2]).max() > 60  # in the colours of fire
+    assert bake(*arguments, "--emission", "none") == 0
+    with pytest.raises(ValueError, match="emissive"):
+        read_exr(files[0], ("emissive",))
+
+
+def test_the_strength_of_fire_can_be_told(burning: Path, tmp_path: Path) -> None:
+    sums = []
+    for scale in ("1", "3"):
+        out = tmp_path / scale
+        assert bake(burning, "--out", out, "--bounces", "single", "--emission-scale", scale, *SMALL) == 0
+        sums.append(float(read_exr(out / "frame_0000.exr", ("emissive",)).sum()))
+    assert sums[1] == pytest.approx(3.0 * sums[0], rel=2e-3)
+
+
+def test_a_sheet_shows_alpha_as_it_is_and_light_at_one_exposure() -> None:
+    flat = np.ones((4, 6), np.float32)
+    maps = {name: 0.5 * flat for name in CHANNELS[:-1]} | {"alpha": 0.25 * flat, "emissive": flat}
+    maps["left"] = 0.25 * flat
+    ramp = ArtistRamp(stops=((2.0, (0.5, 0.1, 0.0)),))
+    sheet = lightmap_sheet([("one", maps)], fire=ramp, tile_px=60)
+    step = 64
+
+    def tile(column: int) -> np.ndarray:
+        return sheet[36 + 20, 4 + column * step + 30]
+
+    assert (tile(0) == 255).all()  # the brightest maps are white
+    assert (tile(1) == 188).all()  # half of that: sRGB of 0.5
+    assert (tile(6) == 64).all()
+    assert fire_colour(2.0 * flat, ramp)[0, 0, 0] == pytest.approx(0.5)
+    assert tile(7)[0] == 188 and tile(7)[2] == 0

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,16 @@ import numpy as np
 import pytest
 
 from sixway.core.color import encode_srgb
+from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.exr import read_exr, read_exr_attributes, write_exr
-from sixway.core.store import read_json, sha256_file
+from sixway.core.store import read_json, read_json_lines, sha256_file
+from sixway.data.dataset import SmokeDataset
 from sixway.data.manifest import MANIFEST, read_manifest
 from sixway.generation.jobs import INDEX
 from sixway.generation.plan import Plan
 from sixway.generation.stages import FLOW_CHANNELS, TARGET_CHANNELS, Generation
 from sixway.reference.lightmaps import LightmapTracer
+from sixway.volumes.npz import read_npz, write_npz
 
 Generate = Callable[..., int]
 Contents = Callable[[Path], dict[str, str]]
@@ -59,7 +63,8 @@ def test_test_references_are_less_noisy_than_one_sample_would_be(tiny_dataset: A
 
     truth = trace(256, 1)
     on_disk = read_exr(job.store(plan.target(simulation, view)).frame_path(frame, ".exr"), TARGET_CHANNELS)
-    np.testing.assert_array_equal(on_disk, trace(4, plan.seed(simulation, view, frame)).astype(np.float16))
+    seed = plan.frame_seed(simulation, frame)
+    np.testing.assert_array_equal(on_disk, (0.5 * (trace(2, seed) + trace(2, seed ^ 0x5EED))).astype(np.float16))
     assert np.mean((on_disk - truth) ** 2) < 0.5 * np.mean((trace(1, 2) - truth) ** 2)
 
 
@@ -162,9 +167,55 @@ def test_packing_replaces_what_the_plan_has_outgrown(own_copy: Path, generate: G
 def test_references_without_light_are_refused(own_copy: Path, generate: Generate, capsys: Any) -> None:
     for index in own_copy.glob(f"target/jet/*/*/{INDEX}"):
         lines = []
-        for path in index.parent.glob("frame_*.exr"):
+        for record in read_json_lines(index):
+            path = index.parent / record["file"]
             write_exr(path, np.zeros((20, 24, 7), np.float32), TARGET_CHANNELS)
-            lines.append(json.dumps({"file": path.name, "sha256": sha256_file(path)}) + "\n")
+            lines.append(json.dumps({**record, "sha256": sha256_file(path)}) + "\n")
         index.write_text("".join(lines))
     assert generate(own_copy, only=("pack",)) == 2
     assert "hold no light at all; check the medium's extinction" in capsys.readouterr().err
+
+
+def test_every_reference_tells_its_noise(tiny_dataset: Any) -> None:
+    manifest = read_manifest(tiny_dataset.folder)
+    noise = {}
+    for index in tiny_dataset.folder.glob(f"target/*/*/*/{INDEX}"):
+        for record in read_json_lines(index):
+            path = index.parent / record["file"]
+            said = read_exr_attributes(path)
+            assert said["sixway/noise_rmse"] == pytest.approx(record["noise_rmse"], rel=1e-6)
+            maps = read_exr(path, TARGET_CHANNELS)[..., :6]
+            peak = np.percentile(maps, 99.9)
+            assert record["noise_psnr_db"] == pytest.approx(20.0 * np.log10(peak / record["noise_rmse"]), abs=0.05)
+            noise[str(path.relative_to(tiny_dataset.folder))] = record["noise_rmse"]
+    assert len(noise) == 24
+    assert manifest.noise is not None
+    assert manifest.noise.median_rmse == pytest.approx(manifest.scale * np.median(list(noise.values())))
+    assert manifest.noise.worst_rmse == pytest.approx(manifest.scale * noise[manifest.noise.worst_frame])
+    assert noise[manifest.noise.worst_frame] == max(noise.values())
+
+
+def test_a_dataset_with_one_burning_scene_has_emissive_targets_everywhere(
+    tiny_dataset: Any, own_copy: Path, generate: Generate
+) -> None:
+    """Fire in the validation jet alone, as a burning simulation would write it."""
+    for path in own_copy.glob("density/jet_val/*/frame_*.npz"):
+        frame = read_npz(path)
+        write_npz(path, replace(frame, emission=10.0 * frame.density))
+        index = path.parent / INDEX
+        records = {record["file"]: record for record in read_json_lines(index)}
+        records[path.name]["sha256"] = sha256_file(path)
+        index.write_text("".join(json.dumps(record) + "\n" for record in records.values()))
+    for path in own_copy.glob("target/jet_val/*/*/frame_*.exr"):
+        path.unlink()
+    assert generate(own_copy) == 0  # verified too
+    assert not SmokeDataset(tiny_dataset.folder, guide="six", split="val").has_emissive
+    burning, cold = (SmokeDataset(own_copy, guide="six", split=split) for split in ("val", "train"))
+    assert burning.has_emissive and cold.has_emissive
+    assert burning.target_channels == LIGHTMAP_CHANNELS
+    pair = burning.pair(0, 0).target.numpy()
+    assert pair[:, 7].max() > 0.1
+    assert pair[:, 7][pair[:, 6] == 0.0].max() < 1e-3  # it burns where smoke is
+    assert not cold.pair(0, 0).target[:, 7].any()
+    old, new = (SmokeDataset(folder, guide="six", split="train") for folder in (tiny_dataset.folder, own_copy))
+    np.testing.assert_array_equal(old.pair(0, 0).target, new.pair(0, 0).target)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS, TO_LIGHT
 from sixway.core.records import SixWayLightmap
 from sixway.shading.compose import blend_weights, over, shade
+from sixway.shading.fire import ArtistRamp
 from sixway.shading.light import DirectionalLight
 
 RULES = ("squared", "paper_abs", "abs_normalised", "smoothstep")
@@ -64,7 +65,10 @@ def test_shading_is_linear_in_the_lights(rng) -> None:
 
 def test_emissive_adds_its_colour_whatever_the_lights(rng) -> None:
     maps = lightmap(rng, emissive=True)
-    np.testing.assert_allclose(shade(maps, [], fire=(2.0, 1.0, 0.0))[..., 0], 2.0 * maps["emissive"], rtol=1e-6)
+    ramp = ArtistRamp(stops=((1.0, (2.0, 1.0, 0.0)),))
+    np.testing.assert_allclose(shade(maps, [], fire=ramp)[..., 0], 2.0 * maps["emissive"], rtol=1e-6)
+    lit = shade(maps, [DirectionalLight(to_light=TO_LIGHT["top"])], fire=ramp)
+    np.testing.assert_allclose(lit[..., 1], maps["top"] + maps["emissive"], rtol=1e-6)
 
 
 def test_compositing_keeps_the_background_where_smoke_is_absent() -> None:

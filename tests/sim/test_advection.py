@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sixway.sim import scalars_oracle, survey_kernels
-from sixway.sim.scalars import FACES, FaceKind, Scalars, Scheme
+from sixway.sim.scalars import SIDES, FaceKind, Scalars, Scheme
 
 SCHEMES: tuple[Scheme, ...] = ("cubic", "maccormack", "linear")
 
@@ -61,7 +61,7 @@ def test_whole_voxels_are_exact(device: str, rng: np.random.Generator, scheme: S
     cells = (16 // refinement,) * 3
     wind = even_wind(cells, (0.5 / refinement, -0.25 / refinement, 0.75 / refinement))  # 2, -1, 3 voxels
     everywhere: FaceKind = "periodic"
-    after = carried(device, wind, fields, refinement=refinement, scheme=scheme, faces=dict.fromkeys(FACES, everywhere))
+    after = carried(device, wind, fields, refinement=refinement, scheme=scheme, faces=dict.fromkeys(SIDES, everywhere))
     np.testing.assert_array_equal(after, np.roll(fields, (3, -1, 2), axis=(1, 2, 3)))
 
 
@@ -87,7 +87,7 @@ def test_kernels_equal_the_oracle(device: str, rng: np.random.Generator, scheme:
     for kinds in (("closed",) * 6, ("open", "closed", "closed", "open", "periodic", "periodic")):
         options = {"refinement": refinement, "steps": 3.0, "scheme": scheme, "floor": 1e-6}
         walls = {"solid": solid, "solid_before": solid_before}
-        after = carried(device, velocity, fields, **options, **walls, faces=dict(zip(FACES, kinds, strict=True)))
+        after = carried(device, velocity, fields, **options, **walls, faces=dict(zip(SIDES, kinds, strict=True)))
         codes = tuple({"closed": 0, "open": 1, "periodic": 2}[kind] for kind in kinds)
         expected = scalars_oracle.advect(velocity, fields, **options, **walls, faces=codes)
         np.testing.assert_allclose(after, expected, atol=1e-5)

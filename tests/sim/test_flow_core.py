@@ -104,6 +104,41 @@ def test_steps_equal_the_oracle(
     np.testing.assert_allclose(flow.velocity.numpy()[INSIDE], velocity[INSIDE], atol=2e-6)
 
 
+@pytest.mark.parametrize("streaming", STREAMINGS)
+@pytest.mark.parametrize("lattice", LATTICES)
+def test_growth_equals_the_oracle(
+    device: str, rng: np.random.Generator, lattice: LatticeName, streaming: Streaming
+) -> None:
+    flow = stirred(device, rng, lattice=lattice, streaming=streaming)
+    velocities, air = lattice_named(lattice), air_of(flow)
+    growth = rng.uniform(0.0, 0.05, flow.kind.shape) * rng.integers(0, 2, flow.kind.shape)
+    flow.growth = wp.array(growth, dtype=wp.float32, device=device)
+    kind, imposed, force = (array.numpy().astype(float) for array in (flow.kind, flow.imposed, flow.force))
+    kind = kind.astype(int)
+    g = flow.populations().astype(float)
+    for _ in range(2):
+        flow.step()
+        g = oracle.step(velocities, "bgk", kind, imposed, force, g, tau=0.56, smagorinsky=0.1)
+        g = oracle.grow(velocities, kind, growth, g)
+        np.testing.assert_allclose(flow.populations()[:, air], g[:, air], atol=2e-7)
+
+
+def test_growing_gas_blows_out_of_an_open_box_as_much_as_it_grows(device: str) -> None:
+    """Long after the sound has left, the flux through a cube around the source is its growth."""
+    sides = {f"{axis}_{end}": "open" for axis in "xyz" for end in ("low", "high")}
+    flow = Flow(FlowConfig(faces=Faces(**sides)), shape_zyx=(20, 20, 20), viscosity=0.05, device=device)
+    growth = np.zeros((22, 22, 22), np.float32)
+    growth[9:13, 9:13, 9:13] = 2e-3
+    flow.growth = wp.array(growth, dtype=wp.float32, device=device)
+    flow.step(600)
+    u = velocity_of(flow)
+    out, cube = 0.0, slice(4, 16)
+    for axis in range(3):
+        along = np.moveaxis(u[..., axis], 2 - axis, 0)[:, cube, cube].sum(axis=(1, 2))
+        out += 0.5 * (along[15] + along[16] - along[3] - along[4])  # sides of the cube lie between cells
+    assert out == pytest.approx(growth.sum(), rel=0.05)
+
+
 @pytest.mark.parametrize("lattice", LATTICES)
 def test_streaming_in_place_is_streaming_between_two_grids(device: str, lattice: LatticeName) -> None:
     flows = [

@@ -60,7 +60,7 @@ def test_frames_without_smoke_neither_widen_the_box_nor_stop_the_sequence(tmp_pa
 def test_voxels_of_two_sizes_are_refused(tmp_path: Path) -> None:
     other = DensityFrame(density=np.ones((4, 4, 4), np.float32), grid=Grid.centred((4, 4, 4)))
     odd = DensityFrame(density=other.density, grid=Grid(shape_zyx=(4, 4, 4), voxel_size_m=0.5))
-    with pytest.raises(VolumeError, match="resample the sequence to one voxel size"):
+    with pytest.raises(VolumeError, match="resample them to one voxel size"):
         open_sequence(written(tmp_path, other, odd))
 
 

@@ -73,8 +73,8 @@ def test_list_grids_tells_names_kinds_and_boxes() -> None:
 
 
 def test_an_unnamed_and_a_shared_grid_read_with_their_own_transforms() -> None:
-    unnamed = read_volume(DATA / "several_none.vdb", grid_name="")
-    shared = read_volume(DATA / "several_none.vdb", grid_name="shared")
+    unnamed = read_volume(DATA / "several_none.vdb", grid="")
+    shared = read_volume(DATA / "several_none.vdb", grid="shared")
     x, y, z = indices((2, 4, 9), (11, 22, 18))
     truth = np.where((y == 2 * x) & (z == 20 - x), value(x, y, z), 0.0).astype(np.float32)
     np.testing.assert_array_equal(unnamed.density, truth)
@@ -84,7 +84,7 @@ def test_an_unnamed_and_a_shared_grid_read_with_their_own_transforms() -> None:
 
 
 def test_an_empty_grid_is_a_small_box_of_zeros() -> None:
-    frame = read_volume(DATA / "several_none.vdb", grid_name="flame")
+    frame = read_volume(DATA / "several_none.vdb", grid="flame")
     assert frame.density.shape == (8, 8, 8)
     assert not frame.density.any()
     np.testing.assert_allclose(frame.grid.origin_m, place((0, 0, 0)))
@@ -104,7 +104,7 @@ def test_an_empty_grid_is_a_small_box_of_zeros() -> None:
 )
 def test_what_is_no_density_is_refused_with_a_remedy(grid: str | None, reason: str) -> None:
     with pytest.raises(VolumeError, match=reason):
-        read_volume(DATA / "several_none.vdb", grid_name=grid)
+        read_volume(DATA / "several_none.vdb", grid=grid)
 
 
 def altered(tmp_path: Path, at: int, layout: str, new: int) -> Path:
@@ -145,8 +145,8 @@ def test_blenders_fire_reads(real_volumes: Path) -> None:
     assert 0.9 < frame.density.max() < 1.0
     assert read_volume(folder / "fluid_data_0008.vdb", up="z").grid.extent_m[1] < frame.grid.extent_m[1]  # it rises
     for number in (32, 40):
-        assert not read_volume(folder / f"fluid_data_00{number}.vdb", grid_name="flame").density.any()
+        assert not read_volume(folder / f"fluid_data_00{number}.vdb", grid="flame").density.any()
     with pytest.raises(VolumeError, match="vec3s"):
-        read_volume(folder / "fluid_data_0024.vdb", grid_name="velocity")
+        read_volume(folder / "fluid_data_0024.vdb", grid="velocity")
     with pytest.raises(VolumeError, match="negative"):
-        read_volume(folder / "fluid_data_0024.vdb", grid_name="shadow")  # constant tiles of -1
+        read_volume(folder / "fluid_data_0024.vdb", grid="shadow")  # constant tiles of -1

@@ -84,9 +84,9 @@ def test_a_nanovdb_of_several_segments_lists_them_all(tmp_path: Path) -> None:
         ("density", ((0, 0, 0), (6, 5, 4))),
         ("heating", ((0, 0, 0), (8, 8, 8))),
     ]
-    np.testing.assert_array_equal(read_volume(path, grid_name="heating").density, smoke((9, 9, 9)).density)
+    np.testing.assert_array_equal(read_volume(path, grid="heating").density, smoke((9, 9, 9)).density)
     with pytest.raises(VolumeError, match="holds no grid 'flame'"):
-        read_volume(path, grid_name="flame")
+        read_volume(path, grid="flame")
 
 
 def test_other_suffixes_are_refused(tmp_path: Path) -> None:

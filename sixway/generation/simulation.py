@@ -1,0 +1,86 @@
+"""One scenario run to files: frames in any format, a checkpoint on the way, the same command resumes."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sixway.core.config import dump_config
+from sixway.core.records import DensityFrame
+from sixway.core.store import claim_folder, content_hash, provenance, write_json, write_text
+from sixway.sim.checkpoint import load_checkpoint, save_checkpoint
+from sixway.sim.scenario import ScenarioConfig
+from sixway.sim.solver import FlowError, SmokeSolver
+from sixway.volumes.read import read_volume
+from sixway.volumes.write import write_volume
+
+Format = Literal["npz", "nvdb", "vdb", "vol"]
+
+CHECKPOINT = "checkpoint.npz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """A scenario, where its frames go and as what.
+
+    formats: files of every frame. checkpoint_every: frames between two checkpoints; 0 keeps none.
+    """
+
+    scenario: ScenarioConfig
+    out: Path
+    formats: tuple[Format, ...] = ("npz",)
+    checkpoint_every: int = 10
+    device: str = "cpu"
+    threads: int = 1
+
+    def files(self, number: int) -> list[Path]:
+        return [self.out / f"frame_{number:04d}.{suffix}" for suffix in self.formats]
+
+    def missing(self) -> list[int]:
+        """Numbers of the frames that are not there yet; files of other settings are removed first."""
+        every = [path for number in range(self.scenario.frames) for path in self.files(number)]
+        made_by = content_hash([self.scenario.identity(), self.device])
+        lost = set(claim_folder(self.out, every, record="simulation.json", made_by=made_by, pattern="frame_[0-9]*"))
+        return [number for number in range(self.scenario.frames) if lost.intersection(self.files(number))]
+
+    def run(self) -> Iterator[int]:
+        """Make what is missing and yield the number of every frame that was written.
+
+        Goes on from the checkpoint if there is one before the first missing frame. Raises FlowError, which names
+        the last checkpoint, if the flow blows up; ValueError for a checkpoint of other settings.
+        """
+        missing = self.missing()
+        if not missing:
+            return
+        write_text(self.out / "scenario.yaml", dump_config(self.scenario))
+        write_json(self.out / "provenance.json", {"seed": self.scenario.seed, **provenance()})
+        checkpoint = self.out / CHECKPOINT
+        solver = self._solver(checkpoint, first=missing[0])
+        try:
+            while solver.frames_done <= missing[-1] + self.scenario.warmup_frames:
+                solver.advance()
+                number = solver.frames_done - 1 - self.scenario.warmup_frames
+                if number in missing:
+                    frame = solver.frame()
+                    for path in self.files(number):
+                        write_volume(path, frame)
+                if self.checkpoint_every and solver.frames_done % self.checkpoint_every == 0:
+                    save_checkpoint(checkpoint, solver)
+                if number in missing:
+                    yield number
+        except FlowError as error:
+            kept = f"the last good state is {checkpoint}" if checkpoint.is_file() else "no checkpoint was kept"
+            raise FlowError(f"{error}; {kept}") from error
+
+    def some_frames(self, count: int) -> list[DensityFrame]:
+        """`count` frames spread evenly over the finished run, the last one among them."""
+        numbers = {round((i + 1) * self.scenario.frames / count) - 1 for i in range(count)} - {-1}
+        return [read_volume(self.files(number)[0]) for number in sorted(numbers)]
+
+    def _solver(self, checkpoint: Path, *, first: int) -> SmokeSolver:
+        solver = SmokeSolver(self.scenario, device=self.device, threads=self.threads)
+        if checkpoint.is_file():
+            load_checkpoint(checkpoint, solver)
+            if solver.frames_done > first + self.scenario.warmup_frames:  # an earlier frame was deleted
+                solver = SmokeSolver(self.scenario, device=self.device, threads=self.threads)
+        return solver

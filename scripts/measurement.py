@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import statistics
 import sys
 import time
@@ -13,7 +14,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from sixway.core.store import provenance, write_json
+from sixway.core.store import provenance, write_json, write_text
 
 
 def parser(description: str) -> argparse.ArgumentParser:
@@ -57,7 +58,8 @@ class Measurement:
                 "repetitions": self.repetitions,
                 "seconds": time.perf_counter() - self.started,
             }
-            write_json(json_path, {"rows": self.rows, **about})
+            rows = [row | ({"value": None} if math.isnan(row["value"]) else {}) for row in self.rows]
+            write_json(json_path, {"rows": rows, **about})
         missed = [row["name"] for row in self.rows if not row["ok"]]
         names = f": {', '.join(missed)}" if missed else ""
         print(f"{len(self.rows)} rows, {len(missed)} missed{names}; {json.dumps(self.config)}")
@@ -75,3 +77,18 @@ def median_seconds(work: Callable[[], object], *, repetitions: int, wait: Callab
         wait()
         times.append(time.perf_counter() - start)
     return statistics.median(times)
+
+
+def write_section(path: Path, name: str, text: str) -> None:
+    """Put `text` between the lines `<!-- name:begin -->` and `<!-- name:end -->` of a Markdown file.
+
+    A file without them gets them at its end. ValueError if only one is there.
+    """
+    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+    page = path.read_text(encoding="utf-8") if path.exists() else ""
+    if begin not in page and end not in page:
+        page = f"{page.rstrip()}\n\n{begin}\n{end}\n".lstrip()
+    if page.count(begin) != 1 or page.count(end) != 1 or page.index(begin) > page.index(end):
+        raise ValueError(f"{path}: {begin} and {end} must each stand there once, in this order; mend the file")
+    before, after = page.partition(begin)[0], page.partition(end)[2]
+    write_text(path, f"{before}{begin}\n{text.strip()}\n{end}{after}")

@@ -1,9 +1,12 @@
 """Is the reference right? Closed forms, white furnace, one method against another, symmetries, convergence.
 
-python scripts/validate_reference.py --json reference.json
+python scripts/validate_reference.py --json reference.json --write docs/validation.md
+
+`--write` puts the table between the two markers `reference:begin` and `reference:end` of that file.
 """
 
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +19,8 @@ from sixway.core.config import load_config
 from sixway.core.conventions import DIRECTIONS, FLIP_HORIZONTAL, FLIP_VERTICAL, Bounces
 from sixway.core.frames import Camera, Grid
 from sixway.core.records import DensityFrame, Medium
-from sixway.reference.lightmaps import LightmapTracer, Method, ReferenceConfig
+from sixway.core.store import atomic_path, provenance
+from sixway.reference.lightmaps import LightmapTracer, Method, ReferenceConfig, trace_rgb_lightmaps
 from sixway.reference.lights import ConstantEnvironment, DirectionalLight
 from sixway.reference.lit import trace_lit
 from sixway.reference.oracle import cube_maps
@@ -24,7 +28,7 @@ from sixway.reference.variant import use_variant
 from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import SmokeSolver
 
-SCENARIO = Path(__file__).parents[1] / "configs/sim/jet_tiny.yaml"
+SCENARIO = Path(__file__).parents[1] / "configs/sim/jet.yaml"
 PEAK_OPTICAL_DEPTH = 10.0
 DEVICE = "auto"
 
@@ -35,7 +39,7 @@ def tracer(medium: Medium, *, method: Method, bounces: Bounces, samples: int) ->
 
 def jet(frames: int) -> tuple[DensityFrame, Medium]:
     """A simulated jet, 64^3, and the medium that gives it the peak optical depth along an axis."""
-    solver = SmokeSolver(load_config(ScenarioConfig, SCENARIO), device="cpu")
+    solver = SmokeSolver(load_config(ScenarioConfig, SCENARIO, ["resolution=tiny"]), device="cpu")
     for _ in range(frames):
         solver.advance()
     frame = solver.frame()
@@ -140,6 +144,56 @@ def cached_against_path(result: Measurement, frame: DensityFrame, medium: Medium
             result.add(f"cached - path, {bounces}, g {g:g}, {name}", float(value), "%", at_most=1.0 if quick else 0.5)
 
 
+def cached_beyond(result: Measurement, frame: DensityFrame, medium: Medium, quick: bool) -> None:
+    """Anisotropic multiple scattering, thick voxels and wide lights: each has arithmetic of its own."""
+    size = 32 if quick else 64
+    camera = Camera.around(frame.grid, yaw_deg=30.0, margin=0.75, width_px=size, height_px=size)
+    voxel = float(frame.density.max()) * frame.grid.voxel_size_m
+    cases: tuple[tuple[str, Medium, Bounces, float], ...] = (
+        ("multi, g 0.3", replace(medium, hg_g=0.3), "multi", 0.0),
+        ("multi, g -0.3", replace(medium, hg_g=-0.3), "multi", 0.0),
+        ("single, thickest voxel 1", replace(medium, extinction_per_m=1.0 / voxel), "single", 0.0),
+        ("paper, lights 30 deg wide", medium, "paper", 30.0),
+        ("paper, g 0.5, lights 30 deg wide", replace(medium, hg_g=0.5), "paper", 30.0),
+    )
+    for label, smoke, bounces, angle in cases[2:4] if quick else cases:
+        means = {}
+        for method, samples in (("cached", 4 if bounces == "multi" else 16), ("path", 1024 if quick else 4096)):
+            config = ReferenceConfig(
+                method=method, bounces=bounces, samples=samples, light_angle_deg=angle, source_optical_depth=0.3
+            )
+            means[method] = LightmapTracer(config, smoke, device=DEVICE).trace(frame, camera, seed=3).maps.mean((0, 1))
+        for name, value in zip(DIRECTIONS, 100.0 * np.abs(means["cached"] / means["path"] - 1.0), strict=True):
+            at_most = 1.0 if quick or "thickest" in label else 0.5
+            result.add(f"cached - path, {label}, {name}", float(value), "%", at_most=at_most)
+
+
+def shared_views(result: Measurement, frame: DensityFrame, medium: Medium) -> None:
+    """Views that share light against the same views alone: optical depths are the same, random numbers differ."""
+    trace = tracer(medium, method="cached", bounces="paper", samples=32)
+    cameras = [
+        Camera.around(frame.grid, yaw_deg=yaw, margin=0.75, width_px=48, height_px=48) for yaw in (0.0, 40.0, 90.0)
+    ]
+    shared = trace.trace_views(frame, cameras, seeds=range(3))
+    for number, (camera, lightmap) in enumerate(zip(cameras, shared, strict=True)):
+        alone = trace.trace(frame, camera, seed=number).maps.mean((0, 1))
+        error = 100.0 * float(np.abs(lightmap.maps.mean((0, 1)) / alone - 1.0).max())
+        result.add(f"shared views, view {number}, largest difference of a light", error, "%", at_most=0.2)
+
+
+def colours(result: Measurement, frame: DensityFrame, medium: Medium) -> None:
+    """RGB albedo: equal colours are equal, and the lit picture of volpath shows the maps' colours."""
+    camera = Camera.around(frame.grid, yaw_deg=30.0, margin=0.75, width_px=32, height_px=32)
+    smoke = replace(medium, albedo=(0.9, 0.5, 0.9))
+    maps = trace_rgb_lightmaps(frame, camera, smoke, samples=16, device=DEVICE)
+    result.add("RGB albedo, equal colours", float(np.abs(maps[0].image - maps[2].image).max()), "", at_most=0.0)
+    sun = DirectionalLight(to_light=(1.0, 0.0, 0.0))
+    lit = trace_lit(frame, camera, smoke, [sun], samples=1024, device=DEVICE).mean((0, 1))
+    for name, shown, lightmap in zip(("red", "green", "blue"), lit, maps, strict=True):
+        error = 100.0 * abs(float(shown / lightmap["right"].mean()) - 1.0)
+        result.add(f"RGB albedo, trace_lit - maps, {name}", error, "%", at_most=1.0)
+
+
 def symmetries(result: Measurement, frame: DensityFrame, medium: Medium) -> None:
     """Mirrored and turned smoke permutes the maps: root mean square over the mean, single scattering."""
     camera = Camera.around(frame.grid, kind="orthographic", margin=0.75, width_px=64, height_px=64)
@@ -210,8 +264,26 @@ def streaming(result: Measurement, frame: DensityFrame, medium: Medium) -> None:
         result.add(f"kernels compiled while streaming, {method}, {bounces}", new, "", at_most=0)
 
 
+def write_between_markers(path: Path, result: Measurement) -> None:
+    """Replace what stands between the markers of `path`. Raises ValueError where they are missing."""
+    begin, end = "<!-- reference:begin -->", "<!-- reference:end -->"
+    text = path.read_text(encoding="utf-8")
+    before, found, rest = text.partition(begin)
+    _, found_end, after = rest.partition(end)
+    if not (found and found_end):
+        raise ValueError(f"{path} lacks the lines {begin} and {end}, between which the table belongs; add them")
+    rows = [f"| {row['name']} | {row['value']:.3g} | {row['unit']} | {row['bound']} |" for row in result.rows]
+    made = provenance()
+    head = f"Commit {made['commit']}, {made['hardware']}, {time.perf_counter() - result.started:.0f} s."
+    table = "\n".join([head, "", "| check | value | unit | bound |", "|---|---|---|---|", *rows])
+    with atomic_path(path) as partial:
+        partial.write_text(f"{before}{begin}\n{table}\n{end}{after}", encoding="utf-8")
+
+
 def main() -> int:
-    options = parser(__doc__ or "").parse_args()
+    arguments = parser(__doc__ or "")
+    arguments.add_argument("--write", type=Path, help="put the table between the markers of this document")
+    options = arguments.parse_args()
     if use_variant(DEVICE).startswith("scalar"):
         print("Mitsuba runs in scalar code only: nothing to validate here, skipped")
         return 0
@@ -224,10 +296,15 @@ def main() -> int:
     white_furnace(result, frame, medium, quick)
     path_against_stock(result, frame, medium, quick)
     cached_against_path(result, frame, medium, quick)
+    cached_beyond(result, frame, medium, quick)
+    shared_views(result, frame, medium)
+    colours(result, frame, medium)
     symmetries(result, frame, medium)
     linearity(result, frame, medium)
     convergence(result, frame, medium)
     streaming(result, frame, medium)
+    if options.write:
+        write_between_markers(options.write, result)
     return result.finish(options.json)
 
 

@@ -7,6 +7,9 @@ import numpy as np
 
 from sixway.core.frames import Vector
 
+MOST_ANGLE_DEG = 60.0
+_DISC_POINTS = 16
+
 Colour = tuple[float, float, float]
 """Linear RGB, finite and >= 0."""
 
@@ -16,13 +19,17 @@ class DirectionalLight:
     """A sun. to_light: unit vector from the smoke towards it, CAMERA frame (z towards the viewer).
 
     colour: a white Lambertian facing the light shows it (irradiance pi * colour), as in `sixway.shading.light`.
+    angle_deg: diameter of its disc, seen from the smoke, in [0, 60]; 0 casts hard shadows (our sun: 0.53).
     """
 
     to_light: Vector
     colour: Colour = (1.0, 1.0, 1.0)
+    angle_deg: float = 0.0
 
     def __post_init__(self) -> None:
         _check_unit("to_light", self.to_light)
+        if not 0.0 <= self.angle_deg <= MOST_ANGLE_DEG:
+            raise ValueError(f"light of {self.angle_deg} deg must be from 0 to {MOST_ANGLE_DEG} deg wide")
         _check_colour("colour", self.colour)
 
 
@@ -116,6 +123,26 @@ class Box:
 
 
 Obstacle = Sphere | Cylinder | Box
+
+
+def sun_disc(to_light: Vector, angle_deg: float) -> list[Vector]:
+    """Unit vectors spread evenly over a disc of that angular diameter about a unit vector; the vector alone for 0.
+
+    Each brings the same part of the irradiance. Those of the opposite vector are opposite.
+    """
+    if angle_deg == 0.0:
+        return [to_light]
+    axis = np.array(to_light)
+    main = int(np.abs(axis).argmax())
+    across = np.cross(np.eye(3)[main - 1], np.abs(axis[main]) / axis[main] * axis)  # alike for both ends of the axis
+    across /= np.linalg.norm(across)
+    up = np.cross(axis, across) * np.sign(axis[main])
+    index = np.arange(_DISC_POINTS) + 0.5
+    cosine = 1.0 - index / _DISC_POINTS * (1.0 - math.cos(math.radians(0.5 * angle_deg)))
+    turn = math.pi * (3.0 - math.sqrt(5.0)) * index  # Vogel's spiral
+    sine = np.sqrt(1.0 - cosine**2) * np.sign(axis[main])
+    points = cosine[:, None] * axis + sine[:, None] * (np.outer(np.cos(turn), across) + np.outer(np.sin(turn), up))
+    return [(float(x), float(y), float(z)) for x, y, z in points]
 
 
 def _check_finite(name: str, vector: Vector) -> None:

@@ -42,7 +42,7 @@ def trace_lit(
     # imported here: these load Dr.Jit, which must not happen before use_variant has chosen its LLVM
     import mitsuba as mi
 
-    from sixway.reference.lit_scene import light_description, obstacle_descriptions
+    from sixway.reference.lit_scene import light_descriptions, obstacle_descriptions
     from sixway.reference.media import padded
     from sixway.reference.scene import sensor, smoke_box
     from sixway.reference.stock import check_outside, render, volpath
@@ -52,16 +52,20 @@ def trace_lit(
     still = {
         "type": "scene",
         "sensor": sensor(camera),
-        "box": smoke_box(extinction.sigma_t, extinction.grid, medium),
         **{f"obstacle_{n}": shape for n, shape in enumerate(obstacle_descriptions(obstacles))},
     }
     integrator = volpath(bounces)
     image = np.zeros((camera.height_px, camera.width_px, 3))
-    # one render per light: volpath would ask one of them, by chance, at each vertex; grey smoke keeps colours apart
+    # one render per light: volpath would ask one of them, by chance, at each vertex; colours do not mix
     for number, light in enumerate(lights):
-        scene = mi.load_dict(still | {"light": light_description(light, camera)})
-        shown = render(scene, integrator, camera, samples=samples, seeds=(seed, number))
-        image += shown[..., None] * np.array(_strength(light))
+        emitters = light_descriptions(light, camera)
+        pictures = {}
+        for grey in dict.fromkeys(medium.by_colour):
+            box = smoke_box(extinction.sigma_t, extinction.grid, grey)
+            scene = mi.load_dict(still | {"box": box} | emitters)
+            pictures[grey] = render(scene, integrator, camera, samples=samples, seeds=(seed, number))
+        shown = np.stack([pictures[grey] for grey in medium.by_colour], axis=-1)
+        image += shown * np.array(_strength(light))
     return image.astype(np.float32)
 
 

@@ -16,15 +16,30 @@ from sixway.reference.lights import (
     PointLight,
     Sphere,
     SpotLight,
+    sun_disc,
 )
 
 
-def light_description(light: Light, camera: Camera) -> dict:
-    """An emitter of irradiance 1 (sun), intensity 1 (point, spot) or radiance 1 (environment)."""
+def light_descriptions(light: Light, camera: Camera) -> dict[str, dict]:
+    """Emitters of irradiance 1 (sun), intensity 1 (point, spot) or radiance 1 (environment) together.
+
+    The disc of a sun is many suns, of which volpath asks one by chance at each vertex.
+    """
+    if not isinstance(light, DirectionalLight):
+        return {"light": _description(light)}
+    suns = sun_disc(light.to_light, light.angle_deg)
+    return {
+        f"light_{n}": {
+            "type": "directional",
+            "direction": (-np.array(camera.to_world(to_light))).tolist(),
+            "irradiance": 1.0 / len(suns),
+        }
+        for n, to_light in enumerate(suns)
+    }
+
+
+def _description(light: PointLight | SpotLight | ConstantEnvironment) -> dict:
     match light:
-        case DirectionalLight():
-            travels = -np.array(camera.to_world(light.to_light))
-            return {"type": "directional", "direction": travels.tolist(), "irradiance": 1.0}
         case PointLight():
             return {"type": "point", "position": list(light.position_m), "intensity": 1.0}
         case SpotLight():

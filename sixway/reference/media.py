@@ -83,6 +83,31 @@ def coarsened(extinction: Extinction, factor: int) -> Extinction:
     return Extinction(sigma_t=sigma_t, solid=solid, emission=emission, grid=coarse)
 
 
+def refined(extinction: Extinction) -> Extinction:
+    """The same fields on voxels of half the edge: every old centre is one, and new ones lie in the middle between.
+
+    Interpolation between the new centres gives what interpolation between the old ones gave.
+    """
+    grid = extinction.grid
+    sigma_t, solid, emission = (
+        _with_midpoints(field) for field in (extinction.sigma_t, extinction.solid, extinction.emission)
+    )
+    depth, height, width = sigma_t.shape
+    half = 0.5 * grid.voxel_size_m
+    x, y, z = (origin + 0.5 * half for origin in grid.origin_m)  # the outermost centres stay where they are
+    fine = Grid(shape_zyx=(depth, height, width), voxel_size_m=half, origin_m=(x, y, z))
+    return Extinction(sigma_t=sigma_t, solid=solid, emission=emission, grid=fine)
+
+
+def _with_midpoints(values: Float[np.ndarray, "z y x"]) -> Float[np.ndarray, "z2 y2 x2"]:
+    for axis in range(3):
+        both = np.moveaxis(values, axis, 0)
+        result = np.empty((2 * len(both) - 1, *both.shape[1:]), np.float32)
+        result[::2], result[1::2] = both, 0.5 * (both[:-1] + both[1:])
+        values = np.moveaxis(result, 0, axis)
+    return np.ascontiguousarray(values)
+
+
 def _block_means(values: Float[np.ndarray, "z y x"], factor: int) -> Float[np.ndarray, "z2 y2 x2"]:
     z, y, x = (size // factor for size in values.shape)
     return values.reshape(z, factor, y, factor, x, factor).mean(axis=(1, 3, 5))

@@ -5,7 +5,8 @@ it asks all six lights how much of them arrives, by ratio tracking, and goes on 
 says. Alpha comes from a march without chance.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -16,7 +17,6 @@ from sixway.core.conventions import DIRECTIONS, Bounces
 from sixway.core.frames import Camera, Vector
 from sixway.core.records import DensityFrame, Medium
 from sixway.reference import kernels
-from sixway.reference.emission import with_emissive
 from sixway.reference.media import cropped
 from sixway.reference.tracking import delta_tracked, ratio_tracked
 from sixway.reference.view import SIX_LIGHTS, SUBPIXELS, View, grid_on_device
@@ -33,22 +33,26 @@ class PathTracer:
     sub-pixel. Noise falls with 1 / sqrt(samples).
     """
 
-    def __init__(self, *, bounces: Bounces, samples: int, medium: Medium) -> None:
+    def __init__(self, *, bounces: Bounces, samples: int, medium: Medium, light_angle_deg: float = 0.0) -> None:
         self.medium = medium
         self._rounds = -(-samples // SUBPIXELS**2)
         self._most_scatterings = dr.opaque(mi.UInt32, _MOST_SCATTERINGS[bounces])
-        self._albedo = dr.opaque(mi.Float, medium.albedo)
+        self._albedo = dr.opaque(mi.Float, medium.grey_albedo)
+        half_angle = math.radians(0.5 * light_angle_deg)
+        self._cosine = dr.opaque(mi.Float, math.cos(half_angle)) if light_angle_deg > 0.0 else None
         self._g = dr.opaque(mi.Float, medium.hg_g)
+
+    def trace_views(
+        self, frame: DensityFrame, cameras: Sequence[Camera], *, seeds: Sequence[int]
+    ) -> Iterator[Float[np.ndarray, "h w 7"]]:
+        """Each camera's picture on its own: paths share nothing."""
+        for camera, seed in zip(cameras, seeds, strict=True):
+            yield self.trace(frame, camera, seed=seed)
 
     def trace(
         self, frame: DensityFrame, camera: Camera, *, seed: int, to_lights: Sequence[Vector] = SIX_LIGHTS
-    ) -> Float[np.ndarray, "h w c"]:
-        """M = pi L / E of six lights (`View` says which), alpha, and emissive if the frame has emission; float32."""
-        return with_emissive(self._lit(frame, camera, seed, to_lights), frame, camera, self.medium)
-
-    def _lit(
-        self, frame: DensityFrame, camera: Camera, seed: int, to_lights: Sequence[Vector]
     ) -> Float[np.ndarray, "h w 7"]:
+        """M = pi L / E of six lights (`View` says which) and alpha, float32."""
         extinction = cropped(frame, self.medium)
         if extinction is None:
             return np.zeros((camera.height_px, camera.width_px, len(DIRECTIONS) + 1), np.float32)
@@ -82,13 +86,14 @@ class PathTracer:
             most_scatterings=self._most_scatterings,
             albedo=self._albedo,
             g=self._g,
+            disc=self._cosine,
         )
         scale = dr.opaque(mi.Float, np.pi / rounds)
         return view.image([value * scale for value in total])
 
 
 @dr.syntax
-def _paths(view, solid, corner, random, *, majorant, reach, rounds, most_scatterings, albedo, g):
+def _paths(view, solid, corner, random, *, majorant, reach, rounds, most_scatterings, albedo, g, disc):
     """Sum over `rounds` paths from each sub-pixel of the radiance of six lights of irradiance 1.
 
     A finished path is followed by the next one at once, so that lanes of unequal paths stay busy.
@@ -103,7 +108,7 @@ def _paths(view, solid, corner, random, *, majorant, reach, rounds, most_scatter
         distance, collided = delta_tracked(view.sigma_t, box, origin, ray, start, end, majorant, random, start < end)
         point = origin + distance * ray
         weight = dr.select(collided, weight * albedo, 0.0)
-        arriving = _next_events(view, point, ray, majorant, random, collided, g)
+        arriving = _next_events(view, point, ray, majorant, random, collided, g, disc)
         total = kernels.add_weighted(total, weight, arriving)
         scatterings += 1
 
@@ -124,12 +129,23 @@ def _paths(view, solid, corner, random, *, majorant, reach, rounds, most_scatter
     return total
 
 
-def _next_events(view, point, ray, majorant, random, active, g) -> kernels.Six:
-    """Radiance [1/sr per unit irradiance] that each light sends back along `ray` from a collision."""
+def _next_events(view, point, ray, majorant, random, active, g, disc) -> kernels.Six:
+    """Radiance [1/sr per unit irradiance] that each light sends back along `ray` from a collision.
+
+    disc: cosine of the angle from a light's centre to its edge, of which one point is asked; None for a point.
+    """
+    to_lights = view.to_lights if disc is None else [_on_disc(axis, disc, random) for axis in view.to_lights]
     return [
         phase * ratio_tracked(view.sigma_t, view.box, point, to_light, majorant, random, active)
-        for phase, to_light in zip(kernels.phases(view.to_lights, ray, g), view.to_lights, strict=True)
+        for phase, to_light in zip(
+            kernels.phases([[to_light] for to_light in to_lights], ray, g), to_lights, strict=True
+        )
     ]
+
+
+def _on_disc(axis, disc, random):
+    sample = mi.Point2f(random.next_float32(), random.next_float32())
+    return mi.Frame3f(axis).to_world(mi.warp.square_to_uniform_cone(sample, disc))
 
 
 def _camera_ray(view, solid, corner, random, reach):
@@ -157,11 +173,11 @@ def march_alpha(view: View, solid) -> Float[np.ndarray, "h w 1"]:
     """1 - transmittance of every pixel, by the march of the cached method."""
     origin, ray, offset = view.march_rays()
 
-    def sample(point):
+    def sample(point, ray):
         inside = view.box.to_texture(point)
         return view.sigma_t.eval(inside), solid.eval(inside)[0] > 0.5
 
-    def nothing(fields, phase):
+    def nothing(*segment):
         return [mi.Float(0)] * 6
 
     _, transmittance = kernels.march(

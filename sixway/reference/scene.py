@@ -9,6 +9,7 @@ from jaxtyping import Float
 from sixway.core.conventions import TO_LIGHT
 from sixway.core.frames import Camera, Grid
 from sixway.core.records import Medium
+from sixway.reference.lights import sun_disc
 from sixway.reference.media import Extinction
 
 _FIELD = "box.interior_medium.sigma_t.data"
@@ -17,17 +18,20 @@ _FIELD = "box.interior_medium.sigma_t.data"
 class SmokeScene:
     """A scene for one grid, image size and kind of camera; new frames, poses and lights update it in place.
 
-    Updating keeps the compiled kernels, which a scene loaded afresh does not. The light has irradiance 1.
+    Updating keeps the compiled kernels, which a scene loaded afresh does not. The light has irradiance 1; one
+    that is `light_angle_deg` wide is many suns, of which volpath asks one by chance at each vertex.
     """
 
-    def __init__(self, grid: Grid, camera: Camera, medium: Medium) -> None:
+    def __init__(self, grid: Grid, camera: Camera, medium: Medium, *, light_angle_deg: float = 0.0) -> None:
         self.key = scene_key(grid, camera)
+        self._angle_deg = light_angle_deg
+        suns = len(sun_disc((0.0, 0.0, 1.0), light_angle_deg))
         empty = np.zeros(grid.shape_zyx, np.float32)
         self.scene = mi.load_dict(
             {
                 "type": "scene",
                 "sensor": sensor(camera),
-                "light": {"type": "directional", "irradiance": 1.0},
+                **{f"light_{n}": {"type": "directional", "irradiance": 1.0 / suns} for n in range(suns)},
                 "box": smoke_box(empty, grid, medium),
             }
         )
@@ -44,11 +48,12 @@ class SmokeScene:
 
     def light_from(self, direction: str, camera: Camera) -> None:
         """Turn the sun so that its light comes from that direction of the camera's frame."""
-        to_light = np.array(camera.to_world(TO_LIGHT[direction]))
         # any up that is not parallel: a sun has no roll
         up = camera.basis[0] if direction in ("top", "bottom") else camera.basis[1]
-        pose = mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=list(-to_light), up=list(up))
-        self._parameters["light.to_world"] = mi.Transform4f(pose)
+        for n, to_light in enumerate(sun_disc(TO_LIGHT[direction], self._angle_deg)):
+            travels = -np.array(camera.to_world(to_light))
+            pose = mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=list(travels), up=list(up))
+            self._parameters[f"light_{n}.to_world"] = mi.Transform4f(pose)
         self._parameters.update()
 
 
@@ -75,7 +80,7 @@ def smoke_box(sigma_t: Float[np.ndarray, "z y x"], grid: Grid, medium: Medium) -
                 "wrap_mode": "clamp",
                 "raw": True,
             },
-            "albedo": {"type": "constvolume", "value": medium.albedo},
+            "albedo": {"type": "constvolume", "value": medium.grey_albedo},
             "phase": {"type": "hg", "g": medium.hg_g},
         },
     }

@@ -1,5 +1,6 @@
 """Six renders with Mitsuba's own volumetric path tracer: slow, unbiased, the audit of the cached method."""
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import mitsuba as mi
@@ -24,11 +25,20 @@ class StockTracer:
     Noise falls with 1 / sqrt(samples), samples being paths per pixel and light. No obstacles.
     """
 
-    def __init__(self, *, bounces: Bounces, samples: int, medium: Medium) -> None:
+    def __init__(self, *, bounces: Bounces, samples: int, medium: Medium, light_angle_deg: float = 0.0) -> None:
+        medium.grey_albedo  # noqa: B018  # raises for colours
         self.medium = medium
         self.samples = samples
+        self._light_angle_deg = light_angle_deg
         self._integrator = volpath(bounces)
         self._scene: SmokeScene | None = None
+
+    def trace_views(
+        self, frame: DensityFrame, cameras: Sequence[Camera], *, seeds: Sequence[int]
+    ) -> Iterator[Float[np.ndarray, "h w c"]]:
+        """Each camera's picture on its own: renders share nothing."""
+        for camera, seed in zip(cameras, seeds, strict=True):
+            yield self.trace(frame, camera, seed=seed)
 
     def trace(self, frame: DensityFrame, camera: Camera, *, seed: int) -> Float[np.ndarray, "h w c"]:
         """M = pi L / E of the six lights, alpha, and emissive if the frame has emission; float32.
@@ -43,7 +53,7 @@ class StockTracer:
         extinction = padded(frame, self.medium)
         check_outside(extinction, camera)
         if self._scene is None or self._scene.key != scene_key(extinction.grid, camera):
-            self._scene = SmokeScene(extinction.grid, camera, self.medium)
+            self._scene = SmokeScene(extinction.grid, camera, self.medium, light_angle_deg=self._light_angle_deg)
         self._scene.show(extinction, camera)
         channels = []
         for number, direction in enumerate(DIRECTIONS):

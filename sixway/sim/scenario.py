@@ -29,9 +29,9 @@ _FASTEST_LATTICE_SPEED = 0.4
 
 
 class AirConfig(FlowConfig):
-    """The air of a scenario: a box that is closed but for its top, unless `faces` says otherwise."""
+    """The air of a scenario: open on all sides above a floor, unless `faces` says otherwise (then for all sides)."""
 
-    faces: Faces = Faces(y_high="open")
+    faces: Faces = Faces(x_low="open", x_high="open", y_high="open", z_low="open", z_high="open")
     encoding: Literal["populations", "moments"] = "populations"
     """What a cell stores: its populations, or the ten moments that they follow from (Li et al. 2023), which asks for
     lattice D3Q27, model third_order and streaming two_grids."""

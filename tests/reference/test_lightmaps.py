@@ -47,17 +47,23 @@ def test_single_scattering_in_a_homogeneous_cube(
 
 @pytest.mark.parametrize(
     ("kind", "bounces", "hg_g"),
-    [("perspective", "paper", 0.3), ("orthographic", "paper", -0.5), ("orthographic", "multi", 0.0)],
+    [
+        ("perspective", "paper", 0.3),
+        ("orthographic", "paper", -0.5),
+        ("orthographic", "multi", 0.0),
+        ("orthographic", "multi", 0.3),
+    ],
 )
 def test_cached_agrees_with_path(
     blob_frame: DensityFrame, device: str, kind: str, bounces: Bounces, hg_g: float
 ) -> None:
     medium = Medium(extinction_per_m=7.0, albedo=0.9, hg_g=hg_g)
     camera = Camera.around(blob_frame.grid, kind=kind, yaw_deg=33.0, pitch_deg=20.0, width_px=48, height_px=32)
-    cached = tracer(device, medium, bounces=bounces, samples=32).trace(blob_frame, camera, seed=1).image
+    samples = 8 if bounces == "multi" and hg_g != 0.0 else 32  # six moments take their time
+    cached = tracer(device, medium, bounces=bounces, samples=samples).trace(blob_frame, camera, seed=1).image
     path = tracer(device, medium, bounces=bounces, method="path", samples=8192).trace(blob_frame, camera, seed=2).image
     np.testing.assert_allclose(cached.mean((0, 1)), path.mean((0, 1)), rtol=0.008)
-    np.testing.assert_allclose(cached[..., 6], path[..., 6], atol=2e-4)
+    np.testing.assert_allclose(cached[..., 6], path[..., 6], atol=6e-4)
     difference = np.sqrt(np.mean((pooled(cached) - pooled(path)) ** 2, axis=(0, 1)))
     assert (difference <= 0.03 * path.mean((0, 1))).all(), difference / path.mean((0, 1))  # mostly the paths' noise
 
@@ -176,9 +182,9 @@ def test_a_seed_repeats_and_another_differs_little(blob_frame: DensityFrame, dev
     assert 0.0 < noise < 0.02
 
 
-def test_anisotropic_smoke_with_all_bounces_asks_for_path(device: str) -> None:
+def test_strongly_anisotropic_smoke_with_all_bounces_asks_for_path(device: str) -> None:
     with pytest.raises(ValueError, match="use method 'path'"):
-        tracer(device, Medium(extinction_per_m=1.0, hg_g=0.4), bounces="multi")
+        tracer(device, Medium(extinction_per_m=1.0, hg_g=0.6), bounces="multi")
 
 
 def test_stock_refuses_a_camera_inside_the_volume(blob_frame: DensityFrame, device: str) -> None:

@@ -67,7 +67,10 @@ def test_a_frame_takes_the_same_time_at_every_tier() -> None:
         ({"puffs": [{**PUFF, "start_s": 10.0}]}, "after the last frame.*raise frames"),
         ({"puffs": [{**PUFF, "fuel": 1.0}]}, "nothing burns.*burn"),
         ({"burn": {}}, "no source of fuel"),
-        ({"winds": [{"face": "x_low", "speed_m_s": 1.0}]}, "no way out.*x_high open"),
+        (
+            {"winds": [{"face": "x_low", "speed_m_s": 1.0}], "flow": {"faces": {"y_high": "open"}}},
+            "no way out.*x_high open",
+        ),
         ({"obstacles": [{**SPHERE, "centre_m": [0.0, -0.4, 0.0]}]}, "obstacle covers it.*move or shrink"),
         ({"obstacles": [{**SPHERE, "centre_m": [0.0, 2.0, 0.0]}]}, "outside the box.*move it in"),
         ({"obstacles": [{**SPHERE, "radius_m": 0.02}]}, "thick, below 3 velocity cells.*at least"),

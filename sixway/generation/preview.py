@@ -36,7 +36,9 @@ def filmstrip(frames: list[DensityFrame], *, height_px: int = 256, device: str =
         height_px=height_px,
     )
     medium = Medium(extinction_per_m=extinction_for_optical_depth(densest) if densest.density.any() else 1.0)
-    config = GuideConfig(lights=LIGHT_SETS["all"], sum_lights=False, lighting="sweep", scatter_iterations=1, emission=True)
+    config = GuideConfig(
+        lights=LIGHT_SETS["all"], sum_lights=False, lighting="sweep", scatter_iterations=1, emission=True
+    )
     marcher = GuideMarcher(config, medium, device=device)
     return np.concatenate([_picture(marcher, frame, camera) for frame in frames], axis=1)
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 from sixway.core.config import dump_config
 from sixway.core.records import DensityFrame
-from sixway.core.store import claim_folder, content_hash, provenance, write_json, write_text
+from sixway.core.store import claim_folder, content_hash, provenance, read_json, write_json, write_text
 from sixway.sim.checkpoint import load_checkpoint, save_checkpoint
 from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import FlowError, SmokeSolver
@@ -17,6 +17,8 @@ from sixway.volumes.write import write_volume
 Format = Literal["npz", "nvdb", "vdb", "vol"]
 
 CHECKPOINT = "checkpoint.npz"
+RECORD = "simulation.json"
+RECORD = "simulation.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,10 +39,13 @@ class Simulation:
         return [self.out / f"frame_{number:04d}.{suffix}" for suffix in self.formats]
 
     def missing(self) -> list[int]:
-        """Numbers of the frames that are not there yet; files of other settings are removed first."""
+        """Numbers of the frames that are not there yet; frames and checkpoint of other settings are removed first."""
         every = [path for number in range(self.scenario.frames) for path in self.files(number)]
         made_by = content_hash([self.scenario.identity(), self.device])
-        lost = set(claim_folder(self.out, every, record="simulation.json", made_by=made_by, pattern="frame_[0-9]*"))
+        record = self.out / RECORD
+        if not (record.is_file() and read_json(record).get("made_by") == made_by):
+            (self.out / CHECKPOINT).unlink(missing_ok=True)
+        lost = set(claim_folder(self.out, every, record=RECORD, made_by=made_by, pattern="frame_[0-9]*"))
         return [number for number in range(self.scenario.frames) if lost.intersection(self.files(number))]
 
     def run(self) -> Iterator[int]:

@@ -22,7 +22,7 @@ class FlowConfig(Config):
     """How the air is computed. smagorinsky: constant of the eddy viscosity, 0 for none; 0.1 is usual."""
 
     lattice: LatticeName = "D3Q19"
-    model: collision.Model = "bgk"
+    model: collision.Model = "regularised"
     smagorinsky: float = Field(default=0.1, ge=0.0, le=0.5)
     streaming: Streaming = "in_place"
     faces: Faces = Faces()

@@ -96,7 +96,7 @@ def test_steps_equal_the_oracle(
             flow.force_on_solid(), oracle.force_on_solid(velocities, kind, imposed, g), atol=1e-6
         )
         flow.step()
-        g = oracle.step(velocities, "bgk", kind, imposed, force, g, tau=0.56, smagorinsky=0.1)
+        g = oracle.step(velocities, flow.config.model, kind, imposed, force, g, tau=0.56, smagorinsky=0.1)
         np.testing.assert_allclose(flow.populations()[:, air], g[:, air], atol=1e-7)
     flow.update_velocity()
     density, velocity = oracle.measure(velocities, kind, imposed, force, g)
@@ -118,7 +118,7 @@ def test_growth_equals_the_oracle(
     g = flow.populations().astype(float)
     for _ in range(2):
         flow.step()
-        g = oracle.step(velocities, "bgk", kind, imposed, force, g, tau=0.56, smagorinsky=0.1)
+        g = oracle.step(velocities, flow.config.model, kind, imposed, force, g, tau=0.56, smagorinsky=0.1)
         g = oracle.grow(velocities, kind, growth, g)
         np.testing.assert_allclose(flow.populations()[:, air], g[:, air], atol=2e-7)
 

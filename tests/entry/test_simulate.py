@@ -71,7 +71,8 @@ def test_more_frames_go_on_from_the_end(scenario: Path, tmp_path: Path) -> None:
     assert main([*command, "--set", "frames=6"]) == 0
     assert len(names(out)) == 6
     assert all((out / name).stat().st_mtime_ns == time for name, time in before.items())
-    assert main([*command, "--set", "seed=9", "--checkpoint-every", "1"]) == 0  # another simulation: its frames replace these
+    # another simulation: its frames replace these
+    assert main([*command, "--set", "seed=9", "--checkpoint-every", "1"]) == 0
     assert len(names(out)) == 4
 
 

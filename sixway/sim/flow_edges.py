@@ -63,7 +63,8 @@ def send(name: LatticeName, streaming: Streaming) -> wp.Kernel:
     """What cells that are no air send to their neighbours that are; `links` says along which c_q.
 
     SOLID: half-way bounce-back, with Ladd's term where the wall moves (Krueger et al. 2017, Eq. 5.26).
-    INLET: the equilibrium of density 1 at the imposed velocity.
+    INLET: the equilibrium at the imposed velocity and the density of the cell that receives it. With density 1 instead, a
+    third of that cell's excess would be missing from the speed. A box with inlets needs a way out, or it fills up.
     OPEN: the equilibrium at the velocity of the cell before it and at nearly its density, so that sound leaves too; the
     rest of its density draws it towards 1. Where it blows inwards, air of density 1 at rest: with the velocity of
     the last step a back flow would feed on itself.
@@ -108,6 +109,9 @@ def send(name: LatticeName, streaming: Streaming) -> wp.Kernel:
                     {flow_text.moments_of(lattice, "x")}
                     const float along_wall = cx[q] * ux + cy[q] * uy + cz[q] * uz;
                     out[q][n] = out[opposite[q]][x] + 6.0f * weight[q] * density * along_wall;
+                }} else if (what == INLET) {{
+                    {flow_text.moments_of(lattice, "x")}
+                    out[q][n] = equilibrium(q, density - 1.0f, ux, uy, uz);
                 }} else out[q][n] = equilibrium(q, shift, ux, uy, uz);
             }}
         }}

@@ -52,7 +52,6 @@ def send(lattice: Lattice, kind: Kind, imposed: Velocity, g: Populations) -> Pop
     """g with what SOLID, INLET, OPEN and IMAGE cells send (`flow_edges.send` says what)."""
     at, mirrored = images(kind)
     what, wall = kind[at], np.where(mirrored, -1.0, 1.0) * imposed[at]
-    blown = equilibrium(lattice, np.zeros(kind.shape), wall)
     shift, outwards = leaving(lattice, kind, g)
     outside = equilibrium(lattice, shift[at], np.where(mirrored, -1.0, 1.0) * outwards[at])
     density = moments(lattice, g)[0]
@@ -61,9 +60,10 @@ def send(lattice: Lattice, kind: Kind, imposed: Velocity, g: Populations) -> Pop
         struck = np.roll(g[lattice.opposite[q]], (-z, -y, -x), axis=(0, 1, 2))
         struck_density = np.roll(density, (-z, -y, -x), axis=(0, 1, 2))
         bounced = struck + 6.0 * lattice.weights[q] * struck_density * (wall @ lattice.velocities[q])
+        blown = equilibrium(lattice, struck_density - 1.0, wall)[q]
         by_flip = np.stack([g[lattice.mirrored([bool(flip >> a & 1) for a in range(3)])[q]] for flip in range(8)])
         copied = by_flip[(mirrored @ np.array([1, 2, 4]), *at)]
-        choices = [copied, bounced, outside[q], blown[q]]
+        choices = [copied, bounced, outside[q], blown]
         sent[q] = np.select([what == FLUID, what == SOLID, what == OPEN, what == INLET], choices)
     return sent
 

@@ -40,6 +40,22 @@ def find_walls(first: int, kind: wp.array3d[wp.int32], walls: wp.array3d[wp.int3
     walls[k, j, i] = wp.where(kind[at[0], at[1], at[2]] == SOLID, 1, 0)
 
 
+@wp.func
+def air_around(at: wp.vec3i, kind: wp.array3d[wp.int32], cells: wp.array[wp.float32]):
+    """Mean density - 1 of the air among the six neighbours of a cell, which receives what an INLET cell sends."""
+    total = float(0.0)
+    count = float(0.0)
+    for axis in range(3):
+        for side in range(2):
+            b = wp.vec3i(at[0], at[1], at[2])
+            b[axis] = b[axis] + 2 * side - 1
+            if b[axis] >= 0 and b[axis] < kind.shape[axis]:
+                if kind[b[0], b[1], b[2]] == FLUID:
+                    total += cells[number(b[0], b[1], b[2], kind)]
+                    count += 1.0
+    return total / wp.max(count, 1.0)
+
+
 @wp.kernel
 def stand_for(
     first: int,
@@ -79,7 +95,7 @@ def stand_for(
         return
     if what != FLUID:
         u = imposed[at[0], at[1], at[2]]
-        write(n, stride, 0.0, wp.vec3(sx * u[0], sy * u[1], sz * u[2]), cells)
+        write(n, stride, air_around(at, kind, cells), wp.vec3(sx * u[0], sy * u[1], sz * u[2]), cells)
         return
     write(n, stride, cells[m], wp.vec3(sx * v[0], sy * v[1], sz * v[2]), cells)
     for p in range(4, 7):

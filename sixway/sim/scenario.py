@@ -218,6 +218,12 @@ class ScenarioConfig(Config):
         return self
 
     @model_validator(mode="after")
+    def _air_finds_a_way_out(self) -> Self:
+        if self.blowing and "open" not in {getattr(self.flow.faces, side) for side in SIDES}:
+            raise ValueError("air blows in and has no way out; make a side of flow.faces open, such as y_high: open")
+        return self
+
+    @model_validator(mode="after")
     def _winds_blow_out(self) -> Self:
         for number, wind in enumerate(self.winds):
             out = wind.face.replace("low", "HIGH").replace("high", "low").lower()

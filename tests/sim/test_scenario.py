@@ -79,6 +79,7 @@ def test_a_frame_takes_the_same_time_at_every_tier() -> None:
         ({"obstacles": [{**SPHERE, "motion": ONTO_INLET}]}, "comes as near as .* at .* s"),
         ({"obstacles": [{"kind": "mesh", "path": "no.obj", "centre_m": [0, 0, 0], "size_m": 0.4}]}, "no.obj"),
         ({"flow": {"faces": {"x_low": "periodic"}}}, "come in pairs"),
+        ({"flow": {"faces": {"y_high": "slip"}}}, "no way out.*y_high: open"),
         ({"flow": {"model": "magic"}}, "flow.model.*bgk"),
         ({"lattice_speed": 0.2, "inlets": [{**INLET, "turbulence": 0.5}]}, "peaks at 0.5.*lower lattice_speed"),
         ({"smoke": {"buoyancy_m_s2": 100.0}}, "could drive.*lower it by"),

@@ -32,8 +32,8 @@ def text(lattice: Lattice, model: Model) -> str:
 
     bgk: one rate for all moments, equilibrium to second order in u (Qian et al. 1992). Cheapest, for flows that the
         grid resolves or an eddy viscosity smooths: it diverges at vanishing viscosity unless `cs` is 0.1 or more, and
-        without `cs` in the lid-driven cavity at Re 1000 on 64 cells where the lid's corners are still walls. With 0.1, jets at
-        vanishing viscosity still carry waves of two cells nearly as strong as in noise.
+        without `cs` in the lid-driven cavity at Re 1000 on 64 cells where the lid's corners are still walls. With
+        0.1, jets at vanishing viscosity still carry waves of two cells nearly as strong as in noise.
     regularised: Hermite moments about the velocity: the shear relaxes by `tau` and `cs`, all else at once, also the
         trace of the stress (recursive regularisation, Malaspinas 2015; Coreixas et al. 2019). On D3Q27 clean at
         vanishing viscosity without an eddy viscosity; D3Q19, which lacks moments, then diverges unless `cs` is 0.1.

@@ -63,8 +63,8 @@ def send(name: LatticeName, streaming: Streaming) -> wp.Kernel:
     """What cells that are no air send to their neighbours that are; `links` says along which c_q.
 
     SOLID: half-way bounce-back, with Ladd's term where the wall moves (Krueger et al. 2017, Eq. 5.26).
-    INLET: the equilibrium at the imposed velocity and the density of the cell that receives it. With density 1 instead, a
-    third of that cell's excess would be missing from the speed. A box with inlets needs a way out, or it fills up.
+    INLET: the equilibrium at the imposed velocity and the density of the cell that receives it. With density 1,
+    a third of that cell's excess would be missing from the speed. A box with inlets needs a way out, or it fills.
     OPEN: the equilibrium at the velocity of the cell before it and at nearly its density, so that sound leaves too; the
     rest of its density draws it towards 1. Where it blows inwards, air of density 1 at rest: with the velocity of
     the last step a back flow would feed on itself.

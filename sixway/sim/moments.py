@@ -31,7 +31,8 @@ class MomentFlow(Flow):
     """A `Flow` of D3Q27 and collision model `third_order` that stores ten moments a cell.
 
     Equal to its population twin but for rounding; only OPEN and INLET cells differ, in the third order of their
-    velocity, and INLET cells send the mean density of the air around them. It passes and fails the same gates as that model. `force_on_solid` is computed on the host, slowly.
+    velocity, and INLET cells send the mean density of the air around them. It passes and fails the same gates as that
+    model. `force_on_solid` is computed on the host, slowly.
     """
 
     def __init__(

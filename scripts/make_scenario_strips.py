@@ -43,7 +43,7 @@ def main() -> int:
 
 
 def fitted(path: Path) -> np.ndarray:
-    """A strip at the row's height, filled with the colour of its lower left corner; of wide ones only as many frames as there is room for."""
+    """A strip at the row's height on the colour of its lower left corner; of wide ones what there is room for."""
     with Image.open(path) as strip:
         frame_px = strip.width // 6
         keep = max(1, min(6, int(WIDTH_PX / (ROW_PX / strip.height) / frame_px)))

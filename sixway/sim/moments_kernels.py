@@ -1,3 +1,4 @@
+# mypy: ignore-errors
 """Warp kernels of the moment-encoded lattice: the cells that are no air, and what is read from it.
 
 `cells`: [10 * stride], planes in the order of `sixway.sim.moments_native.MOMENTS`. `first`: the first row.

@@ -9,6 +9,7 @@ from typing import get_args
 import numpy as np
 import warp as wp
 
+from sixway.core.command import status_of
 from sixway.core.config import parse_config
 from sixway.core.conventions import LIGHTMAP_CHANNELS, Bounces
 from sixway.core.exr import read_exr, write_exr
@@ -32,11 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Trace every frame that is missing; the exit status."""
     options = _parser().parse_args(arguments)
     wp.config.log_level = wp.LOG_WARNING  # Warp greets on first use
-    try:
-        return _run(options)
-    except (ValueError, OSError, RuntimeError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return status_of(lambda: _run(options))
 
 
 def _parser() -> argparse.ArgumentParser:

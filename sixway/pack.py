@@ -9,6 +9,7 @@ from typing import get_args
 
 import numpy as np
 
+from sixway.core.command import status_of
 from sixway.core.config import load_config
 from sixway.core.conventions import DIRECTIONS
 from sixway.core.exr import read_exr
@@ -23,11 +24,7 @@ from sixway.engines.texture import TEXTURE_FORMATS
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the textures and their sidecar; the exit status."""
     options = _parser().parse_args(arguments)
-    try:
-        return _run(options)
-    except (ValueError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return status_of(lambda: _run(options))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -11,6 +11,7 @@ from typing import get_args
 import warp as wp
 
 from sixway.core.color import encode_srgb
+from sixway.core.command import status_of
 from sixway.core.frames import parse_size
 from sixway.core.png import to_8bit, write_png
 from sixway.core.progress import track
@@ -32,11 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Render what was asked for; the exit status."""
     options = _parser().parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
     wp.config.log_level = wp.LOG_WARNING  # Warp greets on first use
-    try:
-        return _run(options)
-    except (ValueError, OSError, RuntimeError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return status_of(lambda: _run(options))
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:

@@ -10,6 +10,7 @@ from typing import get_args
 
 import warp as wp
 
+from sixway.core.command import status_of
 from sixway.core.config import load_config
 from sixway.core.frames import Grid
 from sixway.core.png import write_png
@@ -23,11 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Simulate every frame that is missing; the exit status."""
     options = _parser().parse_args(arguments)
     wp.config.log_level = wp.LOG_WARNING  # Warp greets on first use
-    try:
-        return _run(options)
-    except (ValueError, OSError, RuntimeError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return status_of(lambda: _run(options))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from sixway.core.command import status_of
 from sixway.core.exr import write_exr
 from sixway.core.progress import track
 from sixway.engines.book import read_book
@@ -13,11 +14,7 @@ from sixway.engines.book import read_book
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write one layered EXR a frame; the exit status."""
     options = _parser().parse_args(arguments)
-    try:
-        return _run(options)
-    except (ValueError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return status_of(lambda: _run(options))
 
 
 def _parser() -> argparse.ArgumentParser:

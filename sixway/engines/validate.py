@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sixway.core.command import status_of
 from sixway.core.config import load_config
 from sixway.core.store import write_json
 from sixway.engines.diagnosis import Pictures, Suspicion, diagnose, named, opaque, shrunk
@@ -21,11 +22,7 @@ _SHOWN = 6
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the verdict; 0 for a healthy set, 1 for a fault or no verdict, 2 for files that cannot be read."""
     options = _parser().parse_args(arguments)
-    try:
-        return _run(options)
-    except (ValueError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return status_of(lambda: _run(options))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from sixway.core.command import status_of
 from sixway.core.config import dump_config
 from sixway.generation import stages
 from sixway.generation.estimate import estimate, print_costs
@@ -37,11 +38,7 @@ def main(arguments: Sequence[str] | None = None, *, only: Sequence[str] = STAGES
     parser.add_argument("--no-estimate", action="store_true", help="skip the two-frame probe")
     options = parser.parse_intermixed_args(arguments)
     quieten_warp()
-    try:
-        return _run(options, only)
-    except (ValueError, OSError, RuntimeError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return status_of(lambda: _run(options, only))
 
 
 def _run(options: argparse.Namespace, only: Sequence[str]) -> int:

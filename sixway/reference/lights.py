@@ -8,7 +8,7 @@ import numpy as np
 from sixway.core.frames import Vector
 
 MOST_ANGLE_DEG = 60.0
-_DISC_POINTS = 16
+_DISC_POINTS = 32
 
 Colour = tuple[float, float, float]
 """Linear RGB, finite and >= 0."""

@@ -7,7 +7,15 @@ from typing import Literal
 
 from sixway.core.config import dump_config
 from sixway.core.records import DensityFrame
-from sixway.core.store import claim_folder, content_hash, provenance, read_json, write_json, write_text
+from sixway.core.store import (
+    append_json_line,
+    claim_folder,
+    content_hash,
+    provenance,
+    read_json,
+    write_json,
+    write_text,
+)
 from sixway.sim.checkpoint import load_checkpoint, save_checkpoint
 from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import FlowError, SmokeSolver
@@ -18,7 +26,9 @@ Format = Literal["npz", "nvdb", "vdb", "vol"]
 
 CHECKPOINT = "checkpoint.npz"
 RECORD = "simulation.json"
+INDEX = "frames.jsonl"
 RECORD = "simulation.json"
+INDEX = "frames.jsonl"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +54,8 @@ class Simulation:
         made_by = content_hash([self.scenario.identity(), self.device])
         record = self.out / RECORD
         if not (record.is_file() and read_json(record).get("made_by") == made_by):
-            (self.out / CHECKPOINT).unlink(missing_ok=True)
+            for stale in (CHECKPOINT, INDEX):
+                (self.out / stale).unlink(missing_ok=True)
         lost = set(claim_folder(self.out, every, record=RECORD, made_by=made_by, pattern="frame_[0-9]*"))
         return [number for number in range(self.scenario.frames) if lost.intersection(self.files(number))]
 
@@ -69,6 +80,7 @@ class Simulation:
                     frame = solver.frame()
                     for path in self.files(number):
                         write_volume(path, frame)
+                    self._record(number, frame)
                 if self.checkpoint_every and solver.frames_done % self.checkpoint_every == 0:
                     save_checkpoint(checkpoint, solver)
                 if number in missing:
@@ -76,6 +88,17 @@ class Simulation:
         except FlowError as error:
             kept = f"the last good state is {checkpoint}" if checkpoint.is_file() else "no checkpoint was kept"
             raise FlowError(f"{error}; {kept}") from error
+
+    def _record(self, number: int, frame: DensityFrame) -> None:
+        """What formats other than .npz have no place for; of a frame made twice the last line counts."""
+        about = {
+            "frame": number,
+            "time_s": frame.time_s,
+            "seed": self.scenario.seed,
+            "voxel_size_m": frame.grid.voxel_size_m,
+            "origin_m": frame.grid.origin_m,
+        }
+        append_json_line(self.out / INDEX, about)
 
     def some_frames(self, count: int) -> list[DensityFrame]:
         """`count` frames spread evenly over the finished run, the last one among them."""

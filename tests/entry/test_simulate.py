@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sixway.generation.simulation import CHECKPOINT, Simulation
+from sixway.core.store import read_json_lines
+from sixway.generation.simulation import CHECKPOINT, INDEX, Simulation
 from sixway.sim.scenario import ScenarioConfig
 from sixway.simulate import main
 from sixway.volumes.read import read_volume
@@ -43,6 +44,10 @@ def test_frames_in_every_format_and_a_picture(scenario: Path, tmp_path: Path) ->
     for frame in frames[1:]:
         assert frame.density.sum() == pytest.approx(frames[0].density.sum(), rel=1e-5)
         assert frame.grid.voxel_size_m == pytest.approx(frames[0].grid.voxel_size_m)
+    told = read_json_lines(out / INDEX)
+    assert [line["frame"] for line in told] == [0, 1, 2, 3]
+    assert told[3]["time_s"] == pytest.approx(5 / 20.0)
+    assert told[3]["voxel_size_m"] == pytest.approx(frames[1].grid.voxel_size_m)
     with Image.open(out / "strip.png") as strip:
         assert strip.width == 4 * strip.height  # four frames of a cube
 

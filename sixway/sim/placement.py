@@ -1,6 +1,8 @@
 """Where a scenario's sources stand on its grids."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -63,13 +65,13 @@ class SmokeSources:
 
     def __init__(self, scenario: ScenarioConfig) -> None:
         self._names = scenario.scalar_names
-        grid = scenario.density_grid
-        points = voxel_centres(grid)
-        half_cell = 0.5 * scenario.velocity_grid.voxel_size_m
+        grid, cell_m = scenario.density_grid, scenario.velocity_grid.voxel_size_m
         self._shape = grid.shape_zyx
-        self._inlets = [(inlet, inlet.covers(points, half_thickness_m=2.0 * half_cell)) for inlet in scenario.inlets]
+        self._inlets = [
+            (inlet, _covered_voxels(grid, partial(inlet.covers, half_thickness_m=cell_m))) for inlet in scenario.inlets
+        ]
         self._puffs = [
-            (puff, puff.covers(points, np.random.default_rng([scenario.seed, 1000 + number])))
+            (puff, _covered_voxels(grid, partial(puff.covers, seed=(scenario.seed, 1000 + number))))
             for number, puff in enumerate(scenario.puffs)
         ]
 
@@ -99,6 +101,14 @@ def voxel_centres(grid: Grid, *, shell: int = 0) -> Float[np.ndarray, "z y x 3"]
     z, y, x = (np.arange(-shell, n + shell) + 0.5 for n in grid.shape_zyx)
     ijk = np.stack(np.broadcast_arrays(x[None, None, :], y[None, :, None], z[:, None, None]), axis=-1)
     return np.array(grid.origin_m) + ijk * grid.voxel_size_m
+
+
+def _covered_voxels(grid: Grid, covers: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Which voxels a source covers, [z, y, x], layer by layer: centres of 400^3 voxels would fill gigabytes."""
+    z, y, x = grid.shape_zyx
+    east, up, south = grid.origin_m
+    layers = (replace(grid, shape_zyx=(1, y, x), origin_m=(east, up, south + k * grid.voxel_size_m)) for k in range(z))
+    return np.concatenate([covers(voxel_centres(layer)) for layer in layers])
 
 
 def _covered(source: InletConfig | WindConfig, points: np.ndarray, grid: Grid) -> np.ndarray:

@@ -135,8 +135,9 @@ class PuffConfig(Smoke):
     duration_s: float = Field(default=0.0, ge=0.0, le=1e4)
     """How long it is kept up [s]; 0 lets it go at once."""
 
-    def covers(self, points_m: Float[np.ndarray, "*n 3"], rng: np.random.Generator) -> Bool[np.ndarray, "*n"]:
-        """Which points lie in it. Its surface is a sum of few waves over the sphere, drawn from `rng`."""
+    def covers(self, points_m: Float[np.ndarray, "*n 3"], *, seed: tuple[int, ...]) -> Bool[np.ndarray, "*n"]:
+        """Which points lie in it. Its surface is a sum of few waves over the sphere, drawn from the seed."""
+        rng = np.random.default_rng(seed)
         offset = points_m - np.array(self.centre_m)
         distance = np.linalg.norm(offset, axis=-1)
         towards = offset / np.maximum(distance, 1e-12)[..., None]

@@ -20,6 +20,12 @@ Side = Literal["x_low", "x_high", "y_low", "y_high", "z_low", "z_high"]
 
 SIDES: tuple[Side, ...] = get_args(Side)
 
+
+def opposite(side: Side) -> Side:
+    """The side across the box."""
+    return SIDES[SIDES.index(side) ^ 1]
+
+
 Face = Literal["wall", "slip", "periodic", "open"] | MovingWall
 
 

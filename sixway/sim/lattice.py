@@ -45,8 +45,6 @@ def _lattice(name: LatticeName, half: list[tuple[int, int, int]], weights: list[
 D3Q19 = _lattice("D3Q19", _FACES + _EDGES, [1 / 3] + 6 * [1 / 18] + 12 * [1 / 36])
 D3Q27 = _lattice("D3Q27", _FACES + _EDGES + _CORNERS, [8 / 27] + 6 * [2 / 27] + 12 * [1 / 54] + 8 * [1 / 216])
 
-VELOCITIES, WEIGHTS, OPPOSITE = D3Q19.velocities, D3Q19.weights, D3Q19.opposite
-
 SOUND_SPEED = 3.0**-0.5
 """c_s [cells/step]; the model holds for speeds well below it."""
 

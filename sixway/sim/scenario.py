@@ -11,7 +11,7 @@ from sixway.core.frames import Grid
 from sixway.core.store import sha256_file
 from sixway.sim.burn import NEEDED, BurnConfig
 from sixway.sim.checks import check_places
-from sixway.sim.faces import SIDES, Faces, Side
+from sixway.sim.faces import SIDES, Faces, Side, opposite
 from sixway.sim.flow import FlowConfig
 from sixway.sim.moments import check_moments
 from sixway.sim.resolution import Resolution, Timing, grids
@@ -226,7 +226,7 @@ class ScenarioConfig(Config):
     @model_validator(mode="after")
     def _winds_blow_out(self) -> Self:
         for number, wind in enumerate(self.winds):
-            out = wind.face.replace("low", "HIGH").replace("high", "low").lower()
+            out = opposite(wind.face)
             if getattr(self.flow.faces, out) != "open":
                 raise ValueError(
                     f"winds.{number}: what blows in through {wind.face} has no way out: make {out} open in flow.faces"

@@ -1,7 +1,6 @@
 """Lattice units and SI: one cell is `dx_m` metres, one lattice step `dt_s` seconds."""
 
 from dataclasses import dataclass
-from typing import Self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -10,14 +9,6 @@ class LatticeUnits:
 
     dx_m: float
     dt_s: float
-
-    @classmethod
-    def from_speed(cls, *, dx_m: float, speed_m_s: float, lattice_speed: float) -> Self:
-        """The units in which `speed_m_s` is `lattice_speed` cells/step.
-
-        A smaller lattice speed means shorter steps: more of them, and less compressible air.
-        """
-        return cls(dx_m=dx_m, dt_s=lattice_speed * dx_m / speed_m_s)
 
     def velocity_to_lattice(self, velocity_m_s: float) -> float:
         """[m/s] to [cells/step]."""

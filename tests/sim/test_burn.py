@@ -7,7 +7,7 @@ import pytest
 
 from sixway.sim import scalars_oracle
 from sixway.sim.burn import NEEDED, BurnConfig, Burner
-from sixway.sim.lattice import VELOCITIES, WEIGHTS
+from sixway.sim.lattice import D3Q19
 from sixway.sim.scalars import Scalars
 
 CONFIG = BurnConfig(most_expansion_per_step=0.1, hottest_k=700.0)
@@ -100,9 +100,9 @@ def test_growth_is_capped_and_thins_what_it_pushes_away(device: str) -> None:
 def test_a_mass_source_with_the_winds_speed_does_not_brake_it() -> None:
     """What the flow has to add: mass s a step, momentum s u, stress s u u left to the collision."""
     u, s = np.array([0.08, -0.02, 0.01]), 0.02
-    added = WEIGHTS * s * (1.0 + 3.0 * VELOCITIES @ u)
+    added = D3Q19.weights * s * (1.0 + 3.0 * D3Q19.velocities @ u)
     assert added.sum() == pytest.approx(s)
-    np.testing.assert_allclose(added @ VELOCITIES, s * u, atol=1e-15)
+    np.testing.assert_allclose(added @ D3Q19.velocities, s * u, atol=1e-15)
 
 
 def test_emission_is_that_of_a_black_body_in_the_flame(device: str) -> None:

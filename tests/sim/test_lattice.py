@@ -28,7 +28,7 @@ def test_opposites_are_opposite_and_mirrors_mirror(lattice: Lattice) -> None:
 
 
 def test_units_keep_the_reynolds_number() -> None:
-    units = LatticeUnits.from_speed(dx_m=0.02, speed_m_s=4.0, lattice_speed=0.1)
+    units = LatticeUnits(dx_m=0.02, dt_s=0.1 * 0.02 / 4.0)
     assert units.velocity_to_lattice(4.0) == pytest.approx(0.1)
     assert units.velocity_m_s * 0.1 == pytest.approx(4.0)
     in_si = 4.0 * 0.3 / 1e-3

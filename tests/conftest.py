@@ -1,6 +1,8 @@
 """Fixtures that every test folder shares."""
 
+import json
 import os
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +10,8 @@ from pathlib import Path
 import hypothesis
 import numpy as np
 import pytest
+
+from sixway.core.store import sha256_file
 
 # CI draws the same examples every time, so that a change is judged by what it changed; people draw new ones.
 hypothesis.settings.register_profile("ci", derandomize=True)
@@ -82,7 +86,7 @@ simulations:
   - {name: jet_val, split: val, scenario: puff.yaml, set: [seed=2]}
   - {name: jet_test, split: test, scenario: puff.yaml, set: [seed=3]}
 pairs_per_simulation: 2
-views: {yaws_deg: [0, 30], margin: 0.75, width_px: 24, height_px: 20}
+views: [{yaws_deg: [0, 30], margin: 0.75, width_px: 24, height_px: 20}]
 medium: {extinction_per_m: 40.0}
 guides:
   six: {lights: [right, left, top, bottom, front, back], sum_lights: false}
@@ -109,6 +113,25 @@ def tiny_dataset(tmp_path_factory: pytest.TempPathFactory) -> TinyDataset:
     arguments = [str(home / "tiny.yaml"), "--out", str(home / "data"), "--workers", "1", "--no-estimate"]
     assert main(arguments) == 0
     return TinyDataset(folder=home / "data", config=home / "tiny.yaml")
+
+
+@pytest.fixture(scope="session")
+def mixed_dataset(tiny_dataset: TinyDataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what training reads of the tiny dataset, a quarter of the pairs at twice the size too."""
+    folder = tmp_path_factory.mktemp("mixed") / "data"
+    shutil.copytree(tiny_dataset.folder / "packed", folder / "packed")
+    manifest = json.loads((tiny_dataset.folder / "manifest.json").read_text())
+    for group in list(manifest["groups"]):
+        arrays = {}
+        for name, array in group["arrays"].items():
+            values = np.load(folder / array["path"])[:2].repeat(2, axis=2).repeat(2, axis=3)
+            path = folder / "packed" / f"large_{group['split']}_{name}.npy"
+            np.save(path, values)
+            arrays[name] = {**array, "path": f"packed/{path.name}", "sha256": sha256_file(path)}
+        size = {"height_px": 2 * group["height_px"], "width_px": 2 * group["width_px"]}
+        manifest["groups"].append({**group, **size, "arrays": arrays, "samples": group["samples"][:2]})
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    return folder
 
 
 @pytest.fixture(scope="session")

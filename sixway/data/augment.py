@@ -46,9 +46,19 @@ def flip_image(
     return images
 
 
+def flip_flow(flow: Float[Tensor, "p 2 h w"], *, horizontal: bool, vertical: bool) -> Float[Tensor, "p 2 h w"]:
+    """Flip a field of motion [px; right, down]: what went right goes left, what went down goes up."""
+    if horizontal:
+        flow = flow.flip(-1) * flow.new_tensor([-1.0, 1.0])[:, None, None]
+    if vertical:
+        flow = flow.flip(-2) * flow.new_tensor([1.0, -1.0])[:, None, None]
+    return flow
+
+
 def flip_pair(pair: Batch, guide_channels: tuple[str, ...], *, horizontal: bool, vertical: bool) -> Batch:
-    """Flip guide and target of every frame alike."""
+    """Flip guide, target and flow of every frame alike."""
     return Batch(
         guide=flip_image(pair.guide, guide_channels, horizontal=horizontal, vertical=vertical),
         target=flip_image(pair.target, LIGHTMAP_CHANNELS, horizontal=horizontal, vertical=vertical),
+        flow=None if pair.flow is None else flip_flow(pair.flow, horizontal=horizontal, vertical=vertical),
     )

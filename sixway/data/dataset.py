@@ -1,6 +1,7 @@
 """The packed arrays of a dataset, memory-mapped: what training and evaluation read."""
 
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -8,13 +9,17 @@ import torch
 from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.store import content_hash, inside, sha256_file
 from sixway.data.augment import check_summed_lights, flip_pair
-from sixway.data.clips import Batch
+from sixway.data.clips import Batch, join
 from sixway.data.manifest import Group, Manifest, PackedArray, Split, read_manifest
+
+Draw = Literal["pictures", "sizes"]
+"""How a batch's image size is drawn: every picture is seen equally often, or every size has an equal share."""
 
 
 class SmokeDataset:
     """One split of a dataset under one guide variant.
 
+    pair_flows: None, or for each group the motion of its pairs [n/2, 2, h, w], which batches then carry.
     Raises ValueError if the guide variant is unknown, or a packed file differs from the manifest's hash.
     """
 
@@ -28,6 +33,7 @@ class SmokeDataset:
         name = f"guide_{guide}"
         self._guides = [_open(folder, group, group.arrays[name]) for group in self.groups]
         self._targets = [_open(folder, group, group.arrays["target"]) for group in self.groups]
+        self.pair_flows: list[np.ndarray] | None = None
         self.flows = [_open(folder, g, g.arrays["flow"]) if "flow" in g.arrays else None for g in self.groups]
         self.guide_channels = self.groups[0].arrays[name].channels
         self.target_channels = self.groups[0].arrays["target"].channels
@@ -42,40 +48,66 @@ class SmokeDataset:
         return "emissive" in self.target_channels
 
     @property
-    def identity(self) -> str:
-        """Hash of all that a net sees of this split: pixels and brightness scale."""
-        names = (f"guide_{self.guide}", "target")
-        return content_hash([self.manifest.scale, [group.arrays[n].sha256 for group in self.groups for n in names]])
+    def scale(self) -> float:
+        """Brightness scale of the six maps."""
+        return self.manifest.scale
 
-    def batch(self, rng: np.random.Generator, *, num_pairs: int, flip: bool) -> Batch:
+    @property
+    def emissive_scale(self) -> float | None:
+        """Brightness scale of fire; None for a dataset without."""
+        return self.manifest.emissive_scale
+
+    @property
+    def identity(self) -> str:
+        """Hash of all that a net sees of this split: pixels and brightness scales."""
+        names = (f"guide_{self.guide}", "target")
+        scales = [self.scale, self.emissive_scale]
+        return content_hash([scales, [group.arrays[n].sha256 for group in self.groups for n in names]])
+
+    def batch(self, rng: np.random.Generator, *, num_pairs: int, flip: bool, draw: Draw = "pictures") -> Batch:
         """Pairs drawn with replacement from one image size, each flipped by chance.
 
+        num_pairs: of the smallest size; larger ones take fewer, so that batches hold about as many pixels.
         Raises ValueError if flips are asked for and this guide has no such symmetry.
         """
         if flip and self.guide_config["sum_lights"]:
             check_summed_lights(self.guide_config["lights"])
-        sizes = np.array([len(group.samples) for group in self.groups], dtype=np.float64)
-        which = int(rng.choice(len(sizes), p=sizes / sizes.sum()))
-        rows = rng.integers(len(self.groups[which].samples) // 2, size=num_pairs)
-        guides, targets = [], []
+        counts = self._pairs_per_batch(num_pairs)
+        which = int(rng.choice(len(counts), p=self._chances(counts, draw)))
+        rows = rng.integers(len(self.groups[which].samples) // 2, size=counts[which])
+        pairs = []
         for row in rows:
             pair = self.pair(which, int(row))
             if flip:
                 pair = flip_pair(
                     pair, self.guide_channels, horizontal=bool(rng.integers(2)), vertical=bool(rng.integers(2))
                 )
-            guides.append(pair.guide)
-            targets.append(pair.target)
-        return Batch(guide=torch.cat(guides), target=torch.cat(targets))
+            pairs.append(pair)
+        return join(pairs)
+
+    def _pairs_per_batch(self, num_pairs: int) -> np.ndarray:
+        """Of each group."""
+        areas = np.array([group.height_px * group.width_px for group in self.groups])
+        return np.maximum(1, np.round(num_pairs * areas.min() / areas)).astype(int)
+
+    def _chances(self, counts: np.ndarray, draw: Draw) -> np.ndarray:
+        """Probability of each group to be the one of a batch that holds so many of its pairs."""
+        assert draw in get_args(Draw)
+        if draw == "sizes":
+            return np.full(len(counts), 1.0 / len(counts))
+        batches = np.array([len(group.samples) for group in self.groups]) / counts
+        return batches / batches.sum()
 
     def pair(self, group: int, row: int) -> Batch:
         """The consecutive frames 2 * row and 2 * row + 1 of a group, float32."""
         rows = slice(2 * row, 2 * row + 2)
         target = np.zeros((2, len(LIGHTMAP_CHANNELS), *self._targets[group].shape[2:]), np.float32)
         target[:, : len(self.target_channels)] = self._targets[group][rows]
+        flow = None if self.pair_flows is None else self.pair_flows[group][row : row + 1].astype(np.float32)
         return Batch(
             guide=torch.from_numpy(self._guides[group][rows].astype(np.float32)),
             target=torch.from_numpy(target),
+            flow=None if flow is None else torch.from_numpy(flow),
         )
 
 

@@ -22,6 +22,7 @@ CONVENTIONS = {
     "alpha": "1 - transmittance along the camera ray, linear",
     "directions": "the name says where the light comes from; camera frame x right, y up, z towards the viewer",
     "scale": "maps times scale have their 99.9th percentile at 1 over the training split",
+    "emissive_scale": "the same of emissive, over the training pixels that burn; null where none does",
     "flow": "px per frame, right and down, from this frame to the next; opacity-weighted mean along the ray",
     "order": "rows 2i and 2i+1 of a packed array are consecutive frames of one view",
 }
@@ -36,11 +37,15 @@ class PackedArray(Config):
 
 
 class Sample(Config):
-    """One row of a group's packed arrays, and the frame on disk behind it."""
+    """One row of a group's packed arrays, its view, and the frame on disk behind it."""
 
     simulation: str
     view: str
     frame: int
+    yaw_deg: float
+    pitch_deg: float
+    margin: float
+    density_scale: float
     seed: int
     target: str
     target_sha256: str
@@ -69,11 +74,13 @@ class NoiseSummary(Config):
 
 class Manifest(Config):
     """The whole dataset. guides: each variant's config, as its room wrote it. noise_psnr_db: PSNR of
-    two test references with other seeds, sRGB; a perfect net scores 3.01 dB more."""
+    two test references with other seeds, sRGB; a perfect net scores 3.01 dB more. The scales are what `conventions`
+    says of them."""
 
     format: Literal[1] = 1
     name: str
     scale: float = Field(gt=0.0)
+    emissive_scale: float | None = Field(default=None, gt=0.0)
     medium: dict[str, float]
     guides: dict[str, dict[str, Any]]
     groups: tuple[Group, ...]

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None, *, only: Sequence[str] = STAGES
     """
     parser = argparse.ArgumentParser(
         description=f"Make a dataset: {', '.join(only)}. The same command resumes what was interrupted.",
-        epilog="example: data_gen/generate.py configs/data/tiny.yaml --out runs/tiny views.width_px=96",
+        epilog="example: data_gen/generate.py configs/data/tiny.yaml --out runs/tiny views.0.width_px=96",
     )
     parser.add_argument("config", type=Path, help="dataset config, such as configs/data/tiny.yaml")
     parser.add_argument("overrides", nargs="*", metavar="key=value", help="overrides of the config")

@@ -10,6 +10,8 @@ from rich.table import Table
 
 from sixway.core.exr import write_exr
 from sixway.core.records import DensityFrame
+from sixway.generation import stages
+from sixway.generation.cameras import View
 from sixway.generation.stages import Generation
 from sixway.generation.traced import HalvedTracer
 from sixway.guide.march import GuideMarcher
@@ -46,46 +48,59 @@ def estimate(job: Generation) -> list[Cost]:
     """
     plan, device = job.plan, job.device
     config, simulation = plan.config, plan.simulations[0]
-    medium, view = config.medium.medium, simulation.views[0]
+    medium, probed = config.medium.medium, simulation.views
     frames_simulated = sum(s.scenario.warmup_frames + max(s.frames) + 1 for s in plan.simulations)
     frames_kept = sum(len(s.frames) for s in plan.simulations)
-    views = {
-        split: sum(len(s.frames) * len(s.views) for s in plan.simulations if (s.split == "test") == split)
-        for split in (False, True)
-    }
+    # views differ in size: a view costs what its pixels cost
+    probed_px = sum(_pixels(view) for view in probed)
+    views, px = ({True: 0, False: 0} for _ in range(2))
+    for s in plan.simulations:
+        views[s.split == "test"] += len(s.frames) * len(s.views)
+        px[s.split == "test"] += len(s.frames) * sum(_pixels(view) for view in s.views)
+    all_views, all_px = sum(views.values()), sum(px.values())
     seconds, frames = _probe(simulation.scenario, device=device)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_npz(folder / "d.npz", frames[-1])
+        write_npz(folder / "d.npz", frames[-1], half=True)
         costs = [
             Cost("simulate", frames_simulated, seconds, 0.0),
             Cost("density files", frames_kept, 0.0, (folder / "d.npz").stat().st_size),
         ]
         for guide_name, guide in config.guides.items():
             marcher = GuideMarcher(guide, medium, device=device)
-            marcher.march(frames[0], view.camera, seed=0)
+            marcher.march(frames[0], probed[0].camera, seed=0)
             start = time.perf_counter()
-            image = [marcher.march(frame, view.camera, seed=0) for frame in frames[1:]][-1]
-            each = (time.perf_counter() - start) / len(frames[1:])
-            write_exr(folder / "g.exr", image.image, image.channels)
-            size = (folder / "g.exr").stat().st_size
-            costs.append(Cost(f"guide {guide_name}", sum(views.values()), each, size))
-        tracer = HalvedTracer(config.reference, medium, device=job.tracer_device)
-        cameras = [view.camera for view in simulation.views]
-        list(tracer.trace_views(frames[0], cameras, seed=0))
+            images = [marcher.march(view.seen(frames[-1]), view.camera, seed=0) for view in probed]
+            each = (time.perf_counter() - start) / probed_px * all_px / all_views
+            for number, image in enumerate(images):
+                write_exr(folder / f"{guide_name}_{number}.exr", image.image, image.channels)
+            size = sum(path.stat().st_size for path in folder.glob(f"{guide_name}_*.exr")) / probed_px
+            costs.append(Cost(f"guide {guide_name}", all_views, each, size * all_px / all_views))
+        halved = plan.tells_noise(simulation)
+        tracer = HalvedTracer(config.reference, medium, device=job.tracer_device, halved=halved)
+        list(tracer.trace_views(frames[0], [probed[0].camera], seed=0))
         start = time.perf_counter()
-        traced = [one for frame in frames[1:] for one in tracer.trace_views(frame, cameras, seed=0)]
-        each = (time.perf_counter() - start) / len(traced)
-        lightmap = traced[-1].lightmap
-        write_exr(folder / "t.exr", lightmap.image, lightmap.channels)
-        size = (folder / "t.exr").stat().st_size
-        costs.append(Cost("references", views[False], each, size))
-        if views[True]:
-            costs.append(Cost("test references", views[True], each * config.test_samples_factor, size))
-        row = 2 * view.camera.width_px * view.camera.height_px
-        channels = lightmap.image.shape[-1] + 2 + sum(len(guide.channels) for guide in config.guides.values())
-        costs.append(Cost("packed arrays", sum(views.values()), 0.0, row * channels))
+        traced = [
+            one
+            for group in stages.sharing(probed)
+            for one in tracer.trace_views(group[0].seen(frames[-1]), [view.camera for view in group], seed=0)
+        ]
+        second_per_px = (time.perf_counter() - start) / probed_px
+        for number, one in enumerate(traced):
+            write_exr(folder / f"target_{number}.exr", one.lightmap.image, one.lightmap.channels)
+        bytes_per_px = sum(path.stat().st_size for path in folder.glob("target_*.exr")) / probed_px
+        for test, title in ((False, "references"), (True, "test references")):
+            if views[test]:
+                factor = config.test_samples_factor if test else 1
+                mean_px = px[test] / views[test]
+                costs.append(Cost(title, views[test], second_per_px * mean_px * factor, bytes_per_px * mean_px))
+        channels = traced[-1].lightmap.image.shape[-1] + sum(len(guide.channels) for guide in config.guides.values())
+        costs.append(Cost("packed arrays", all_views, 0.0, 2.0 * channels * all_px / all_views))
     return costs
+
+
+def _pixels(view: View) -> int:
+    return view.camera.width_px * view.camera.height_px
 
 
 def _probe(scenario: ScenarioConfig, *, device: str) -> tuple[float, list[DensityFrame]]:

@@ -48,7 +48,7 @@ def reference_noise_psnr_db(job: Generation, *, scale: float) -> float | None:
         path = job.store(job.plan.target(simulation, view)).frame_path(frame, ".exr")
         first = read_exr(path, TARGET_CHANNELS)
         seed = job.plan.frame_seed(simulation, frame) ^ _OTHER_SEED
-        again = tracer.trace_views(job.read_density(simulation, frame), [view.camera], seed=seed)
+        again = tracer.trace_views(view.seen(job.read_density(simulation, frame)), [view.camera], seed=seed)
         second = next(again).lightmap.image
         lit = slice(0, len(DIRECTIONS))
         errors.append(np.mean((encode_srgb(first[..., lit] * scale) - encode_srgb(second[..., lit] * scale)) ** 2))

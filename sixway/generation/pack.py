@@ -19,9 +19,11 @@ from sixway.core.store import (
     write_text,
 )
 from sixway.data.manifest import MANIFEST, Group, Manifest, PackedArray, Sample, Split
+from sixway.generation.cameras import View
+from sixway.generation.card import write_card
 from sixway.generation.jobs import INDEX
 from sixway.generation.noise import reference_noise_psnr_db, summarised
-from sixway.generation.plan import Folder, Simulation, View
+from sixway.generation.plan import Folder, Simulation
 from sixway.generation.stages import FLOW_CHANNELS, TARGET_CHANNELS, Generation, channels_of
 
 Row = tuple[Simulation, View, int]
@@ -47,18 +49,22 @@ def pack(job: Generation) -> Manifest:
     channels = LIGHTMAP_CHANNELS if burns else TARGET_CHANNELS
     groups = [_pack_group(job, key[0], rows, targets[key], channels) for key, rows in rows_of.items()]
     scale = _brightness_scale(job.out, groups)
-    noise = {str(path.relative_to(job.out)): record["noise_rmse"] for path, record in all_targets}
+    noise = {
+        str(path.relative_to(job.out)): record["noise_rmse"] for path, record in all_targets if "noise_rmse" in record
+    }
     manifest = Manifest(
         name=job.plan.config.name,
         scale=scale,
+        emissive_scale=_emissive_scale(job.out, groups),
         medium=job.plan.config.medium.model_dump(mode="json"),
         guides={name: guide.model_dump(mode="json") for name, guide in job.plan.config.guides.items()},
         groups=tuple(groups),
         noise_psnr_db=reference_noise_psnr_db(job, scale=scale),
-        noise=summarised(noise, scale=scale),
+        noise=summarised(noise, scale=scale) if noise else None,
         config=job.plan.config.model_dump(mode="json"),
         provenance=provenance(),
     )
+    write_card(job.out, manifest, job.plan)
     write_text(job.out / MANIFEST, manifest.model_dump_json(indent=1) + "\n")
     return manifest
 
@@ -89,6 +95,10 @@ def _pack_group(
             simulation=simulation.name,
             view=view.name,
             frame=frame,
+            yaw_deg=view.yaw_deg,
+            pitch_deg=view.pitch_deg,
+            margin=view.margin,
+            density_scale=view.density_scale,
             seed=record["seed"],
             target=str(path.relative_to(job.out)),
             target_sha256=record["sha256"],
@@ -144,14 +154,29 @@ def _pack_array(
 
 
 def _brightness_scale(out: Path, groups: list[Group]) -> float:
-    """The factor that puts the 99.9th percentile of the training maps at 1."""
+    """The factor that puts the 99.9th percentile of the training maps at 1. Raises ValueError where all is dark."""
+    counts = _histogram(out, groups, slice(0, len(DIRECTIONS)))
+    if not counts[1:].any():
+        raise ValueError("the training references hold no light at all; check the medium's extinction and the splits")
+    return _scale(counts)
+
+
+def _emissive_scale(out: Path, groups: list[Group]) -> float | None:
+    """The same for fire, over the pixels that burn, so that it does not depend on how many scenes do; None without."""
+    counts = _histogram(out, groups, slice(len(TARGET_CHANNELS), len(LIGHTMAP_CHANNELS)))
+    counts[0] = 0
+    return _scale(counts) if counts.any() else None
+
+
+def _histogram(out: Path, groups: list[Group], channels: slice) -> np.ndarray:
     counts = np.zeros(len(_HISTOGRAM_EDGES) - 1, np.int64)
     for group in groups:
         if group.split == "train":
-            maps = np.load(out / group.arrays["target"].path, mmap_mode="r")
-            for image in maps:
-                counts += np.histogram(image[: len(DIRECTIONS)].astype(np.float32), bins=_HISTOGRAM_EDGES)[0]
-    if not counts[1:].any():
-        raise ValueError("the training references hold no light at all; check the medium's extinction and the splits")
+            for image in np.load(out / group.arrays["target"].path, mmap_mode="r"):
+                counts += np.histogram(image[channels].astype(np.float32), bins=_HISTOGRAM_EDGES)[0]
+    return counts
+
+
+def _scale(counts: np.ndarray) -> float:
     place = int(np.searchsorted(np.cumsum(counts), counts.sum() * _SCALE_PERCENTILE / 100.0))
     return float(1.0 / _HISTOGRAM_EDGES[place + 1])

@@ -6,15 +6,15 @@ and touches no old ones, and a raised count makes only what is new.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from sixway.core.config import Config, ConfigError, load_config
-from sixway.core.frames import Camera, Grid
 from sixway.core.records import Medium
 from sixway.core.store import content_hash
 from sixway.data.manifest import Split
+from sixway.generation.cameras import View, Views, views_around
 from sixway.guide.march import GuideConfig
 from sixway.reference.lightmaps import ReferenceConfig
 from sixway.sim.scenario import ScenarioConfig
@@ -29,26 +29,8 @@ class SimulationEntry(Config):
     split: Split
     set: tuple[str, ...] = ()
     """Overrides of the scenario, ``key.subkey=value``."""
-
-
-class ViewsConfig(Config):
-    """Cameras around every simulation: each yaw with each pitch."""
-
-    yaws_deg: tuple[float, ...] = Field(default=(0.0,), min_length=1)
-    pitches_deg: tuple[float, ...] = Field(default=(0.0,), min_length=1)
-    kind: Literal["orthographic", "perspective"] = "perspective"
-    fov_deg: float = Field(default=30.0, ge=1.0, le=120.0)
-    margin: float = Field(default=1.0, ge=0.5, le=4.0)
-    """Radius of what the image frames, in radii of the volume's bounding sphere."""
-    width_px: int = Field(default=64, ge=8, le=4096)
-    height_px: int = Field(default=64, ge=8, le=4096)
-
-    @model_validator(mode="after")
-    def _angles_once(self) -> Self:
-        for name, angles in (("yaws_deg", self.yaws_deg), ("pitches_deg", self.pitches_deg)):
-            if len({f"{angle:+g}" for angle in angles}) != len(angles):
-                raise ValueError(f"{name} {angles} names an angle twice; list each once")
-        return self
+    pairs: int | None = Field(default=None, ge=1)
+    """Pairs of frames taken of this one, instead of `DatasetConfig.pairs_per_simulation`."""
 
 
 class MediumConfig(Config):
@@ -69,7 +51,10 @@ class DatasetConfig(Config):
     name: str = Field(pattern=r"^[a-z0-9_]+$")
     seed: int = Field(default=0, ge=0)
     simulations: tuple[SimulationEntry, ...] = Field(min_length=1)
-    views: ViewsConfig
+    views: tuple[Views, ...] = Field(min_length=1)
+    """Sets of cameras; every simulation is seen by all of them."""
+    test_views: tuple[Views, ...] = ()
+    """Cameras of the val and test simulations, if others than `views`."""
     pairs_per_simulation: int = Field(ge=1)
     """Pairs of consecutive frames taken of each simulation; raising it keeps those already made."""
     medium: MediumConfig
@@ -78,6 +63,8 @@ class DatasetConfig(Config):
     reference: ReferenceConfig
     test_samples_factor: int = Field(default=4, ge=1)
     """Samples of the test references, as a multiple of the training ones."""
+    noise_of: tuple[Split, ...] = ("train", "val", "test")
+    """Splits whose references are made in two halves that tell their noise, at up to twice the time."""
 
     @model_validator(mode="after")
     def _names_once(self) -> Self:
@@ -89,14 +76,6 @@ class DatasetConfig(Config):
         if bad:
             raise ValueError(f"guide variants {bad} must be plain names such as paper")
         return self
-
-
-@dataclass(frozen=True)
-class View:
-    """A camera around a grid, with the name that its folder bears."""
-
-    name: str
-    camera: Camera
 
 
 @dataclass(frozen=True)
@@ -144,9 +123,10 @@ class Plan:
         return _folder("density", simulation.name, made_by={"scenario": simulation.scenario.identity()})
 
     def target(self, simulation: Simulation, view: View) -> Folder:
-        """Reference frames, the means of two traces (`HalvedTracer`); test simulations get more samples."""
+        """Reference frames, of one trace or the means of two (`HalvedTracer`); test simulations get more samples."""
         reference = self.reference(simulation).model_dump(mode="json")
-        return self._of_view("target", simulation, view, {"reference": reference, "traces": 2})
+        traces = 2 if self.tells_noise(simulation) else 1
+        return self._of_view("target", simulation, view, {"reference": reference, "traces": traces})
 
     def guide(self, name: str, simulation: Simulation, view: View) -> Folder:
         return self._of_view(
@@ -162,6 +142,9 @@ class Plan:
             return reference
         return reference.model_copy(update={"samples": reference.samples * self.config.test_samples_factor})
 
+    def tells_noise(self, simulation: Simulation) -> bool:
+        return simulation.split in self.config.noise_of
+
     def seed(self, simulation: Simulation, view: View, frame: int) -> int:
         """One seed for every frame and view of the guides, whatever the order in which they are made."""
         return int(content_hash([self.config.seed, simulation.name, view.name, frame])[:7], 16)
@@ -175,7 +158,7 @@ class Plan:
             **made_by,
             "seed": self.config.seed,
             "medium": self.config.medium.model_dump(mode="json"),
-            "views": self.config.views.model_dump(mode="json", exclude={"yaws_deg", "pitches_deg"}),
+            "view": view.made_by,
             "density": self.density(simulation).path,
         }
         return _folder(layer, simulation.name, view.name, made_by=everything)
@@ -187,38 +170,22 @@ def _folder(*parts: str, made_by: dict[str, Any]) -> Folder:
 
 def _simulation(entry: SimulationEntry, scenario: ScenarioConfig, config: DatasetConfig) -> Simulation:
     most = scenario.frames // 2
-    if config.pairs_per_simulation > most:
+    key, pairs = (
+        ("pairs_per_simulation", config.pairs_per_simulation) if entry.pairs is None else ("pairs", entry.pairs)
+    )
+    if pairs > most:
         raise ConfigError(
-            f"pairs_per_simulation={config.pairs_per_simulation} needs {2 * config.pairs_per_simulation} frames, "
-            f"its scenario hands over {scenario.frames}; lower the pairs to {most} or raise frames"
+            f"{key}={pairs} needs {2 * pairs} frames, its scenario hands over {scenario.frames}; "
+            f"lower the pairs to {most} or raise frames"
         )
+    sets = config.test_views if config.test_views and entry.split != "train" else config.views
     return Simulation(
         name=entry.name,
         split=entry.split,
         scenario=scenario,
-        frames=pair_frames(scenario.frames, config.pairs_per_simulation),
-        views=tuple(_views(config.views, scenario.density_grid)),
+        frames=pair_frames(scenario.frames, pairs),
+        views=views_around(scenario.density_grid, sets, seed=[config.seed, entry.name]),
     )
-
-
-def _views(config: ViewsConfig, grid: Grid) -> list[View]:
-    return [
-        View(
-            name=f"yaw{yaw:+g}_pitch{pitch:+g}_{config.width_px}x{config.height_px}",
-            camera=Camera.around(
-                grid,
-                yaw_deg=yaw,
-                pitch_deg=pitch,
-                kind=config.kind,
-                fov_deg=config.fov_deg,
-                margin=config.margin,
-                width_px=config.width_px,
-                height_px=config.height_px,
-            ),
-        )
-        for yaw in config.yaws_deg
-        for pitch in config.pitches_deg
-    ]
 
 
 def pair_frames(num_frames: int, num_pairs: int) -> tuple[int, ...]:

@@ -1,6 +1,7 @@
 """The stages of generation. Each makes the frames that are missing and yields once for each frame made."""
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,8 +11,9 @@ from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.exr import write_exr
 from sixway.core.records import DensityFrame
 from sixway.core.store import provenance
+from sixway.generation.cameras import View
 from sixway.generation.jobs import FrameStore, Shard, run_shards
-from sixway.generation.plan import Folder, Plan, Simulation, View
+from sixway.generation.plan import Folder, Plan, Simulation
 from sixway.generation.traced import HalvedTracer
 from sixway.guide.march import GuideMarcher
 from sixway.guide.motion import project_motion
@@ -75,7 +77,7 @@ def simulate_shard(job: Generation, shard: Shard) -> Iterator[None]:
         for number, frame in enumerate(SmokeSolver(simulation.scenario, device=job.device).frames()):
             if number in missing:
                 path = store.frame_path(number, ".npz")
-                write_npz(path, frame)
+                write_npz(path, frame, half=True)
                 store.record(path, frame=number, seed=simulation.scenario.seed)
                 yield
             if number >= max(missing):
@@ -96,7 +98,7 @@ def march_shard(job: Generation, shard: Shard) -> Iterator[None]:
                 path = store.frame_path(number, ".exr")
                 if path.name not in store.done():
                     frame = frame or job.read_density(simulation, number)
-                    guide = marcher.march(frame, view.camera, seed=seed)
+                    guide = marcher.march(view.seen(frame), view.camera, seed=seed)
                     write_exr(path, guide.image, guide.channels, _attributes(job, simulation, view, facts))
                     store.record(path, **facts)
                     yield
@@ -104,7 +106,7 @@ def march_shard(job: Generation, shard: Shard) -> Iterator[None]:
             path = store.frame_path(number, ".exr")
             if path.name not in store.done():
                 frame = frame or job.read_density(simulation, number)
-                flow = project_motion(frame, view.camera, medium, frame_s=frame_s, device=job.device)
+                flow = project_motion(view.seen(frame), view.camera, medium, frame_s=frame_s, device=job.device)
                 write_exr(path, flow, FLOW_CHANNELS, _attributes(job, simulation, view, facts))
                 store.record(path, **facts)
                 yield
@@ -115,34 +117,44 @@ def trace_shard(job: Generation, shard: Shard) -> Iterator[None]:
     medium = job.plan.config.medium.medium
     tracers: dict[str, HalvedTracer] = {}
     for simulation, number in shard.of(_frames(job.plan)):
-        stores = {view.name: job.store(job.plan.target(simulation, view)) for view in simulation.views}
-        name = f"frame_{number:04d}.exr"
-        missing = [view for view in simulation.views if name not in stores[view.name].done()]
-        if not missing:
-            continue
         reference = job.plan.reference(simulation)
-        key = reference.model_dump_json()
+        halved = job.plan.tells_noise(simulation)
+        key = f"{halved} {reference.model_dump_json()}"
         if key not in tracers:
-            tracers[key] = HalvedTracer(reference, medium, device=job.tracer_device)
-        tracer = tracers[key]
-        # what was interrupted must come out as if it had not been; views after the last one missing are not traced
-        together = list(simulation.views) if tracer.depends_on_company else missing
-        seed = job.plan.frame_seed(simulation, number)
-        frame = job.read_density(simulation, number)
-        traced = tracer.trace_views(frame, [view.camera for view in together], seed=seed)
-        for view, reference_image in zip(together, traced, strict=True):
-            if view not in missing:
+            tracers[key] = HalvedTracer(reference, medium, device=job.tracer_device, halved=halved)
+        frame: DensityFrame | None = None
+        for views in sharing(simulation.views):
+            stores = {view.name: job.store(job.plan.target(simulation, view)) for view in views}
+            name = f"frame_{number:04d}.exr"
+            missing = [view for view in views if name not in stores[view.name].done()]
+            if not missing:
                 continue
-            lightmap = reference_image.lightmap
-            facts = {"frame": number, "seed": seed, "method": tracer.method, "noise_rmse": reference_image.noise_rmse}
-            if reference_image.noise_psnr_db is not None:
-                facts["noise_psnr_db"] = reference_image.noise_psnr_db
-            path = stores[view.name].path / name
-            write_exr(path, lightmap.image, lightmap.channels, _attributes(job, simulation, view, facts))
-            stores[view.name].record(path, **facts, channels=lightmap.channels)
-            yield
-            if view == missing[-1]:
-                break
+            frame = frame or job.read_density(simulation, number)
+            # what was interrupted must come out as if it had not been; views after the last one missing are not traced
+            together = views if tracers[key].depends_on_company else missing
+            seed = job.plan.frame_seed(simulation, number)
+            traced = tracers[key].trace_views(views[0].seen(frame), [view.camera for view in together], seed=seed)
+            for view, reference_image in zip(together, traced, strict=True):
+                if view not in missing:
+                    continue
+                lightmap = reference_image.lightmap
+                noise = {"noise_rmse": reference_image.noise_rmse, "noise_psnr_db": reference_image.noise_psnr_db}
+                facts = {"frame": number, "seed": seed, "method": tracers[key].method}
+                facts |= {name: value for name, value in noise.items() if value is not None}
+                path = stores[view.name].path / name
+                write_exr(path, lightmap.image, lightmap.channels, _attributes(job, simulation, view, facts))
+                stores[view.name].record(path, **facts, channels=lightmap.channels)
+                yield
+                if view == missing[-1]:
+                    break
+
+
+def sharing(views: Sequence[View]) -> list[list[View]]:
+    """The views that see the same smoke, and so share its light."""
+    groups: dict[float, list[View]] = defaultdict(list)
+    for view in views:
+        groups[view.density_scale].append(view)
+    return list(groups.values())
 
 
 def _run(

@@ -22,20 +22,27 @@ _PEAK_PERCENTILE = 99.9
 class Traced:
     """A reference. noise_rmse: of its six maps over the whole picture, linear; alpha and emissive have none.
 
-    noise_psnr_db: the same against the picture's own 99.9th percentile; None where nothing is lit or noisy.
+    None where it is not known. noise_psnr_db: the same against the picture's own 99.9th percentile; None where nothing
+    is lit or noisy besides.
     """
 
     lightmap: SixWayLightmap
-    noise_rmse: float
+    noise_rmse: float | None
     noise_psnr_db: float | None
 
 
 class HalvedTracer:
-    """Traces like `LightmapTracer` with at least as many samples, rounded up to an even number."""
+    """Traces like `LightmapTracer` with at least as many samples, rounded up to an even number.
 
-    def __init__(self, config: ReferenceConfig, medium: Medium, *, device: Literal["cpu", "cuda"]) -> None:
+    halved: False traces once and tells no noise.
+    """
+
+    def __init__(
+        self, config: ReferenceConfig, medium: Medium, *, device: Literal["cpu", "cuda"], halved: bool = True
+    ) -> None:
         half = config.model_copy(update={"samples": (config.samples + 1) // 2})
-        self._tracer = LightmapTracer(half, medium, device=device)
+        self._halved = halved
+        self._tracer = LightmapTracer(half if halved else config, medium, device=device)
         self.method = self._tracer.method
         self.depends_on_company = self.method == "cached"
         """Whether the views traced together decide the last bits, by which of them the shared light is made."""
@@ -45,6 +52,9 @@ class HalvedTracer:
         """One reference for each camera; all have the random numbers of `seed`, so that they can share light."""
         seeds = [seed] * len(cameras)
         first = self._tracer.trace_views(frame, cameras, seeds=seeds)
+        if not self._halved:
+            yield from (Traced(lightmap=lightmap, noise_rmse=None, noise_psnr_db=None) for lightmap in first)
+            return
         if not self._is_random:
             yield from (Traced(lightmap=lightmap, noise_rmse=0.0, noise_psnr_db=None) for lightmap in first)
             return

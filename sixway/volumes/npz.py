@@ -32,8 +32,11 @@ _DAMAGE = (
 )
 
 
-def write_npz(path: Path, frame: DensityFrame) -> None:
-    """Write a frame atomically, float32 and compressed."""
+def write_npz(path: Path, frame: DensityFrame, *, half: bool = False) -> None:
+    """Write a frame atomically and compressed; float32, or half floats (0.05 % off) in less than half the space.
+
+    Raises ValueError if a value is beyond the range of half floats.
+    """
     arrays: dict[str, np.ndarray] = {
         "density": frame.density,
         "voxel_size_m": np.float64(frame.grid.voxel_size_m),  # type: ignore[dict-item]
@@ -46,8 +49,17 @@ def write_npz(path: Path, frame: DensityFrame) -> None:
         arrays["obstacle"] = frame.obstacle
     if frame.emission is not None:
         arrays["emission"] = frame.emission
+    if half:
+        arrays = {name: values if values.ndim < 3 else _halved(name, values) for name, values in arrays.items()}
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+
+def _halved(name: str, values: np.ndarray) -> np.ndarray:
+    largest = float(np.finfo(np.float16).max)
+    if values.size and float(np.abs(values).max()) > largest:
+        raise ValueError(f"{name} reaches {np.abs(values).max():.3g}, beyond {largest:.0f}; write it as float32")
+    return values.astype(np.float16)
 
 
 def read_npz(path: Path) -> DensityFrame:

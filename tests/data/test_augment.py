@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.frames import Camera, Grid
 from sixway.core.records import DensityFrame, Medium
-from sixway.data.augment import flip_image, flip_pair
+from sixway.data.augment import flip_flow, flip_image, flip_pair
 from sixway.data.clips import Batch
 from sixway.guide.march import GuideConfig, GuideMarcher
+from sixway.models.flow_lucas_kanade import LucasKanade
 
 SIX = GuideConfig(lights=("right", "left", "top", "bottom", "front", "back"), sum_lights=False, jitter=False)
 PAPER = GuideConfig(jitter=False)
@@ -53,6 +54,25 @@ def test_a_channel_without_its_partner_is_an_error() -> None:
     with pytest.raises(ValueError, match=r"cannot be flipped: \['left'\].*switch flips off"):
         flip_image(images, ("right", "transmittance"), horizontal=True, vertical=False)
     flip_image(images, ("right", "transmittance"), horizontal=False, vertical=True)
+
+
+@pytest.mark.parametrize(("horizontal", "vertical"), [(True, False), (False, True), (True, True)])
+def test_the_flow_of_flipped_frames_is_the_flipped_flow(horizontal: bool, vertical: bool) -> None:
+    """A blob that goes 1.5 px right and 0.5 px down, seen by an estimator before and after the flip."""
+    y, x = torch.meshgrid(torch.arange(32.0), torch.arange(32.0), indexing="ij")
+
+    def blob(right: float, down: float) -> torch.Tensor:
+        return torch.exp(-((x - 14 - right) ** 2 + (y - 17 - down) ** 2) / 40.0)[None, None]
+
+    estimator = LucasKanade()
+    frames = blob(0.0, 0.0), blob(1.5, 0.5)
+    axes = [-1] * horizontal + [-2] * vertical
+    flow = estimator(*frames)
+    assert flow[0, 0, 17, 14] == pytest.approx(1.5, abs=0.2)
+    flipped = flip_flow(flow, horizontal=horizontal, vertical=vertical)
+    torch.testing.assert_close(flipped, estimator(*(frame.flip(axes) for frame in frames)), rtol=0.0, atol=1e-3)
+    pair = Batch(guide=torch.zeros(2, 1, 32, 32), target=torch.zeros(2, 8, 32, 32), flow=flow)
+    assert torch.equal(flip_pair(pair, ("depth",), horizontal=horizontal, vertical=vertical).flow, flipped)
 
 
 @pytest.mark.parametrize("kind", ["perspective", "orthographic"])

@@ -94,6 +94,37 @@ def test_flips_reach_every_orientation_and_both_frames_of_a_pair_alike(tiny_data
     assert {known[pair.numpy().tobytes()] for pair in unflipped.unflatten(0, (-1, 2))} == {"as is"}
 
 
+def test_a_larger_size_takes_fewer_pairs_and_every_picture_is_seen_equally_often(mixed_dataset: Path) -> None:
+    dataset = SmokeDataset(mixed_dataset, guide="six", split="train")
+    assert [len(group.samples) for group in dataset.groups] == [8, 2]
+    rng = np.random.default_rng(0)
+    seen = {(20, 24): 0, (40, 48): 0}
+    for _ in range(600):
+        batch = dataset.batch(rng, num_pairs=4, flip=False)
+        size = tuple(batch.guide.shape[2:])
+        assert len(batch.guide) == len(batch.target) == {(20, 24): 8, (40, 48): 2}[size]  # four times the pixels
+        seen[size] += len(batch.guide)
+    assert seen[(40, 48)] / seen[(20, 24)] == pytest.approx(2 / 8, rel=0.15)
+
+
+def test_sizes_may_have_equal_shares_instead(mixed_dataset: Path) -> None:
+    dataset = SmokeDataset(mixed_dataset, guide="six", split="train")
+    rng = np.random.default_rng(0)
+    wide = [dataset.batch(rng, num_pairs=1, flip=False, draw="sizes").guide.shape[3] == 48 for _ in range(300)]
+    assert 0.4 < np.mean(wide) < 0.6
+
+
+def test_a_batch_carries_the_flow_of_its_own_pairs(tiny_dataset: Any) -> None:
+    dataset = SmokeDataset(tiny_dataset.folder, guide="six", split="train")
+    assert dataset.batch(np.random.default_rng(0), num_pairs=2, flip=True).flow is None
+    alpha = LIGHTMAP_CHANNELS.index("alpha")
+    pairs = [dataset.pair(0, row).target[:, alpha].numpy() for row in range(len(dataset) // 2)]
+    dataset.pair_flows = [np.stack(pairs).astype(np.float16)]  # told apart by what they show
+    batch = dataset.batch(np.random.default_rng(0), num_pairs=6, flip=False)
+    assert batch.flow is not None and batch.flow.dtype == torch.float32
+    assert torch.equal(batch.flow, batch.target[:, alpha].unflatten(0, (-1, 2)).half().float())
+
+
 def test_flips_of_a_summed_guide_with_lopsided_lights_are_refused(own_copy: Path) -> None:
     edit(own_copy, lambda manifest: manifest["guides"]["paper"].update(lights=["front", "right"]))
     dataset = SmokeDataset(own_copy, guide="paper", split="train")

@@ -20,14 +20,14 @@ def _sections(manifest: Manifest, plan: Plan) -> list[str]:
     made = manifest.provenance
     return [
         f"# Dataset {manifest.name}",
-        f"Six-way lightmaps of simulated smoke. Commit {made['commit']}, {made['hardware']}, dataset seed {config.seed}. "
+        f"Six-way lightmaps of simulated smoke. Commit {made['commit']}, {made['hardware']}, seed {config.seed}. "
         "Frames can be made again bit by bit on the same kind of machine: `python data_gen/generate.py CONFIG --out "
         "FOLDER`, with the config that `manifest.json` holds.",
         "## What is in it",
         _table(["split", "size", "pictures", "density x"], _counts(manifest)),
         _table(["simulation", "split", "scenario", "seed", "frames", "views", "density folder"], _simulations(plan)),
-        "Splits are by simulation: no frame or view of a test simulation is ever trained on. Rows 2i and 2i + 1 of a packed "
-        "array are consecutive frames of one view. A view sees the smoke `density_scale` times as dense.",
+        "Splits are by simulation: no frame or view of a test simulation is ever trained on. Rows 2i and 2i + 1 of a "
+        "packed array are consecutive frames of one view. A view sees the smoke `density_scale` times as dense.",
         "## Units",
         "\n".join(f"- {name}: {meaning}" for name, meaning in manifest.conventions.items()),
         f"Brightness scale {manifest.scale:.4f}"
@@ -35,8 +35,8 @@ def _sections(manifest: Manifest, plan: Plan) -> list[str]:
         + f". Smoke: extinction {config.medium.extinction_per_m:g} 1/m at density 1, albedo {config.medium.albedo:g}, "
         f"Henyey-Greenstein g {config.medium.hg_g:g}. Obstacles hide smoke and cast no shadow.",
         "## References",
-        f"Method {config.reference.method}, bounces `{config.reference.bounces}` (`single`: none indirect, `paper`: one, "
-        f"`multi`: all), {config.reference.samples} samples, {config.test_samples_factor} times as many in the test split.",
+        f"Method {config.reference.method}, bounces `{config.reference.bounces}` (`single`: none indirect, `paper`: "
+        f"one, `multi`: all), {config.reference.samples} samples, {config.test_samples_factor} times as many for tests.",
         _noise(manifest),
         "## Guides",
         "\n".join(f"- `{name}`: {', '.join(guide.channels)}" for name, guide in config.guides.items()),
@@ -81,8 +81,8 @@ def _noise(manifest: Manifest) -> str:
     told = []
     if manifest.noise_psnr_db is not None:
         told.append(
-            f"Two test references that differ in their seed alone agree to {manifest.noise_psnr_db:.1f} dB (sRGB), so a "
-            f"perfect net scores about {manifest.noise_psnr_db + 3.01:.1f} dB, bias apart."
+            f"Two test references that differ in their seed alone agree to {manifest.noise_psnr_db:.1f} dB (sRGB), so "
+            f"a perfect net scores about {manifest.noise_psnr_db + 3.01:.1f} dB, bias apart."
         )
     if manifest.noise is not None:
         told.append(

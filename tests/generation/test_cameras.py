@@ -1,4 +1,4 @@
-"""Cameras around a simulation: fixed ones as listed, drawn ones repeatable, inside their ranges and kept when more are drawn."""
+"""Cameras around a simulation: fixed ones as listed, drawn ones in their ranges and kept when more are drawn."""
 
 import numpy as np
 import pytest

@@ -36,7 +36,7 @@ def _sections(manifest: Manifest, plan: Plan) -> list[str]:
         f"Henyey-Greenstein g {config.medium.hg_g:g}. Obstacles hide smoke and cast no shadow.",
         "## References",
         f"Method {config.reference.method}, bounces `{config.reference.bounces}` (`single`: none indirect, `paper`: "
-        f"one, `multi`: all), {config.reference.samples} samples, {config.test_samples_factor} times as many for tests.",
+        f"one, `multi`: all), {config.reference.samples} samples, {config.test_samples_factor} times as many to score.",
         _noise(manifest),
         "## Guides",
         "\n".join(f"- `{name}`: {', '.join(guide.channels)}" for name, guide in config.guides.items()),

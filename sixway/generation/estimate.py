@@ -55,8 +55,8 @@ def estimate(job: Generation) -> list[Cost]:
     probed_px = sum(_pixels(view) for view in probed)
     views, px = ({True: 0, False: 0} for _ in range(2))
     for s in plan.simulations:
-        views[s.split == "test"] += len(s.frames) * len(s.views)
-        px[s.split == "test"] += len(s.frames) * sum(_pixels(view) for view in s.views)
+        views[s.split != "train"] += len(s.frames) * len(s.views)
+        px[s.split != "train"] += len(s.frames) * sum(_pixels(view) for view in s.views)
     all_views, all_px = sum(views.values()), sum(px.values())
     seconds, frames = _probe(simulation.scenario, device=device)
     with tempfile.TemporaryDirectory() as name:
@@ -89,11 +89,11 @@ def estimate(job: Generation) -> list[Cost]:
         for number, one in enumerate(traced):
             write_exr(folder / f"target_{number}.exr", one.lightmap.image, one.lightmap.channels)
         bytes_per_px = sum(path.stat().st_size for path in folder.glob("target_*.exr")) / probed_px
-        for test, title in ((False, "references"), (True, "test references")):
-            if views[test]:
-                factor = config.test_samples_factor if test else 1
-                mean_px = px[test] / views[test]
-                costs.append(Cost(title, views[test], second_per_px * mean_px * factor, bytes_per_px * mean_px))
+        for scored, title in ((False, "references"), (True, "val and test references")):
+            if views[scored]:
+                factor = config.test_samples_factor if scored else 1
+                mean_px = px[scored] / views[scored]
+                costs.append(Cost(title, views[scored], second_per_px * mean_px * factor, bytes_per_px * mean_px))
         channels = traced[-1].lightmap.image.shape[-1] + sum(len(guide.channels) for guide in config.guides.values())
         costs.append(Cost("packed arrays", all_views, 0.0, 2.0 * channels * all_px / all_views))
     return costs

@@ -62,7 +62,7 @@ class DatasetConfig(Config):
     """Guide variants by name; all are marched, training picks one."""
     reference: ReferenceConfig
     test_samples_factor: int = Field(default=4, ge=1)
-    """Samples of the test references, as a multiple of the training ones."""
+    """Samples of the val and test references, as a multiple of the training ones."""
     noise_of: tuple[Split, ...] = ("train", "val", "test")
     """Splits whose references are made in two halves that tell their noise, at up to twice the time."""
 
@@ -123,7 +123,7 @@ class Plan:
         return _folder("density", simulation.name, made_by={"scenario": simulation.scenario.identity()})
 
     def target(self, simulation: Simulation, view: View) -> Folder:
-        """Reference frames, of one trace or the means of two (`HalvedTracer`); test simulations get more samples."""
+        """Reference frames, of one trace or the means of two (`HalvedTracer`); scored simulations get more samples."""
         reference = self.reference(simulation).model_dump(mode="json")
         traces = 2 if self.tells_noise(simulation) else 1
         return self._of_view("target", simulation, view, {"reference": reference, "traces": traces})
@@ -138,7 +138,7 @@ class Plan:
 
     def reference(self, simulation: Simulation) -> ReferenceConfig:
         reference = self.config.reference
-        if simulation.split != "test":
+        if simulation.split == "train":
             return reference
         return reference.model_copy(update={"samples": reference.samples * self.config.test_samples_factor})
 

@@ -131,7 +131,7 @@ def test_a_bad_dataset_config_names_the_place(tiny_dataset: Any, override: str, 
         Plan.read(tiny_dataset.config, (override,))
 
 
-def test_test_references_take_more_samples(tiny_dataset: Any) -> None:
+def test_scored_references_take_more_samples(tiny_dataset: Any) -> None:
     plan = Plan.read(tiny_dataset.config)
     samples = {s.split: plan.reference(s).samples for s in plan.simulations}
-    assert samples == {"train": 1, "val": 1, "test": 4}
+    assert samples == {"train": 1, "val": 4, "test": 4}

@@ -11,6 +11,9 @@ from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS
 _ALPHA = LIGHTMAP_CHANNELS.index("alpha")
 _SMALLEST_AREA_PX = 1.0
 
+_DARKEST = 0.02
+"""Where the true picture is darker than this (sRGB code) there is nothing to see moving."""
+
 
 @runtime_checkable
 class FlowEstimator(Protocol):
@@ -31,22 +34,43 @@ class FlowLoss(nn.Module):
     """Mean L1 distance [px] between the flow of the predicted pair and that of the true pair.
 
     Flow is seen on the mean of the six maps, as if all lights were on, and weighted by the true alpha
-    of the first frame, on whose pixels it stands: empty space has no motion to get wrong.
+    of the first frame, on whose pixels it stands: empty space has no motion to get wrong, and what is
+    nearly black, or gone to black a frame later, none to be seen.
     """
 
     def __init__(self, estimator: FlowEstimator) -> None:
         super().__init__()
         self.estimator = estimator
 
-    def forward(self, predicted: Float[Tensor, "n 8 h w"], target: Float[Tensor, "n 8 h w"]) -> Float[Tensor, ""]:
-        """Batches of interleaved pairs [a0, a1, b0, b1, ...]; an odd batch is a ValueError. Black frames: 0."""
-        if len(target) % 2:
-            raise ValueError(f"the flow loss needs pairs of frames [a0, a1, b0, b1, ...], got {len(target)} frames")
-        with torch.no_grad():
-            true_flow = self.estimator(*_lit_pair(target))
-        distance = (self.estimator(*_lit_pair(predicted)) - true_flow).abs().mean(dim=1, keepdim=True)
-        alpha = target[0::2, _ALPHA : _ALPHA + 1].clamp(0.0, 1.0)
-        return (distance * alpha).sum() / alpha.sum().clamp_min(_SMALLEST_AREA_PX)
+    def forward(
+        self,
+        predicted: Float[Tensor, "n 8 h w"],
+        target: Float[Tensor, "n 8 h w"],
+        true_flow: Float[Tensor, "m 2 h w"] | None = None,
+    ) -> Float[Tensor, ""]:
+        """Batches of interleaved pairs [a0, a1, b0, b1, ...]; an odd batch is a ValueError. Black frames: 0.
+
+        true_flow: `flow_of` the target, of m = n / 2 pairs, kept from earlier: half the cost. None
+        finds it now.
+        """
+        if true_flow is None:
+            with torch.no_grad():
+                true_flow = self.flow_of(target)
+        elif 2 * len(true_flow) != len(target):
+            raise ValueError(
+                f"true_flow holds {len(true_flow)} flows for {len(target)} frames; give one for every two frames"
+            )
+        distance = (self.flow_of(predicted) - true_flow).abs().mean(dim=1, keepdim=True)
+        first, second = _lit_pair(target)
+        seen = (first > _DARKEST) & (second.amax(dim=(1, 2, 3), keepdim=True) > _DARKEST)
+        weight = target[0::2, _ALPHA : _ALPHA + 1].clamp(0.0, 1.0) * seen
+        return (distance * weight).sum() / weight.sum().clamp_min(_SMALLEST_AREA_PX)
+
+    def flow_of(self, frames: Float[Tensor, "n 8 h w"]) -> Float[Tensor, "n//2 2 h w"]:
+        """Flow from the first to the second frame of every pair [px; right, down]; an odd batch is a ValueError."""
+        if len(frames) % 2:
+            raise ValueError(f"the flow loss needs pairs of frames [a0, a1, b0, b1, ...], got {len(frames)} frames")
+        return self.estimator(*_lit_pair(frames))
 
 
 def _lit_pair(lightmap: Tensor) -> tuple[Tensor, Tensor]:

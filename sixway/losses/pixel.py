@@ -1,7 +1,24 @@
 """Squared error of pixels, with channels weighted and pixels left out on request."""
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
+
+from sixway.core.color import decode_srgb
+from sixway.core.conventions import LIGHTMAP_CHANNELS
+
+_ALPHA = LIGHTMAP_CHANNELS.index("alpha")
+_TOE = 12.92
+"""Slope of the sRGB curve at 0 (IEC 61966-2-1)."""
+
+
+def linear_light(encoded: Float[Tensor, "n 8 h w"]) -> Float[Tensor, "n 8 h w"]:
+    """sRGB-encoded light to linear light, in units of the brightness scale that it was encoded with; alpha as it is.
+
+    The curve goes on below 0 with the slope that it has there, so that a negative answer has a gradient.
+    """
+    light = decode_srgb(encoded.clamp_min(0.0)) + encoded.clamp_max(0.0) / _TOE
+    return torch.cat([light[:, :_ALPHA], encoded[:, _ALPHA : _ALPHA + 1], light[:, _ALPHA + 1 :]], dim=1)
 
 
 def masked_mse(

@@ -18,9 +18,9 @@ CARD = "model.json"
 class NetCard(Config):
     """Everything that running the net takes, beside its weights.
 
-    guide: config of the guide that the net reads, as the guide's room wrote it. scale: lightmaps times
-    this are what the net answers in. medium: how the smoke of its training met light. loss: what it
-    was trained under, stand-ins named.
+    guide: config of the guide that the net reads, as the guide's room wrote it. scale: the six maps times
+    this are what the net answers in; emissive_scale: likewise of emissive, None as `scale`. medium: how
+    the smoke of its training met light. loss: what it was trained under, stand-ins named.
     """
 
     format: Literal[1] = 1
@@ -29,6 +29,7 @@ class NetCard(Config):
     guide: dict[str, Any]
     guide_channels: tuple[str, ...]
     scale: float = Field(gt=0.0)
+    emissive_scale: float | None = Field(default=None, gt=0.0)
     has_emissive: bool
     medium: dict[str, float]
     height_px: int
@@ -75,7 +76,9 @@ def load_net(folder: Path) -> tuple[SixWayUNet, NetCard]:
         raise ValueError(
             f"{folder / WEIGHTS}: is not the file that {CARD} names; copy both from one run, or train again"
         )
-    net = SixWayUNet(card.net, guide_channels=card.guide_channels, guide_scale=card.scale)
+    net = SixWayUNet(
+        card.net, guide_channels=card.guide_channels, guide_scale=card.scale, emissive_scale=card.emissive_scale
+    )
     try:
         net.load_state_dict(load_file(folder / WEIGHTS))
     except (SafetensorError, RuntimeError) as error:

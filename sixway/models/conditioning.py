@@ -11,20 +11,21 @@ from sixway.core.color import encode_srgb
 from sixway.core.conventions import DIRECTIONS
 
 _LIGHT_CHANNELS = ("in_scatter", *DIRECTIONS)
-_KNOWN_CHANNELS = (*_LIGHT_CHANNELS, "transmittance", "depth")
+_KNOWN_CHANNELS = (*_LIGHT_CHANNELS, "transmittance", "depth", "emissive")
 
 
 class GuideConditioning(nn.Module):
     """Light is scaled and sRGB-encoded, transmittance becomes alpha, depth stays as it is.
 
-    channels: names of the guide's channels, in order. scale: the brightness scale of the dataset; a
-    buffer, so a checkpoint carries it.
+    channels: names of the guide's channels, in order. scale: the brightness scale of the dataset;
+    emissive_scale: that of its fire (None: `scale`). Both are buffers, so a checkpoint carries them.
     Raises ValueError for unknown or repeated channels, no transmittance, or a scale that is not positive.
     """
 
     scale: Tensor
+    emissive_scale: Tensor
 
-    def __init__(self, channels: tuple[str, ...], *, scale: float) -> None:
+    def __init__(self, channels: tuple[str, ...], *, scale: float, emissive_scale: float | None = None) -> None:
         super().__init__()
         unknown = [name for name in channels if name not in _KNOWN_CHANNELS]
         if unknown:
@@ -33,10 +34,12 @@ class GuideConditioning(nn.Module):
             raise ValueError(f"guide channels {channels} name one twice")
         if "transmittance" not in channels:
             raise ValueError(f"guide channels {channels} lack transmittance, from which the net corrects alpha")
-        if not (math.isfinite(scale) and scale > 0.0):
-            raise ValueError(f"guide_scale {scale} must be positive and finite")
+        scales = {"scale": scale, "emissive_scale": scale if emissive_scale is None else emissive_scale}
         self.channels = channels
-        self.register_buffer("scale", torch.tensor(scale, dtype=torch.float32))
+        for name, value in scales.items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} {value} of the guide must be positive and finite")
+            self.register_buffer(name, torch.tensor(value, dtype=torch.float32))
 
     def forward(self, guide: Float[Tensor, "n g h w"]) -> Float[Tensor, "n g h w"]:
         if guide.shape[1] != len(self.channels):
@@ -53,6 +56,8 @@ class GuideConditioning(nn.Module):
         match kind:
             case "light":
                 return encode_srgb(values * self.scale)
+            case "emissive":
+                return encode_srgb(values * self.emissive_scale)
             case "transmittance":
                 return 1.0 - values
             case _:

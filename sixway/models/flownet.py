@@ -1,85 +1,204 @@
-"""Optical flow by pyramidal Lucas-Kanade (Lucas & Kanade 1981; Bouguet 2001): dense, differentiable, no weights."""
+"""Optical flow by a small net: feature pyramids, warping, cost volumes (PWC-Net; Sun et al. 2018).
+
+From the coarsest level to half the size of the picture, each level warps the second picture's features by the flow so
+far, compares them with the first's at all small shifts, and adds what is left of the motion.
+"""
+
+from pathlib import Path
+from typing import Literal
 
 import torch
 from jaxtyping import Float
-from kornia.filters import gaussian_blur2d, spatial_gradient
-from kornia.geometry.transform import pyrdown
+from kornia.filters import gaussian_blur2d
+from pydantic import Field, ValidationError
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.nn import functional
 
-_SMALLEST_SIDE_PX = 8
+from sixway.core.config import Config
+from sixway.core.store import atomic_path, sha256_file, write_text
+from sixway.models.flow_warp import resized_flow, warp
+
+WEIGHTS = "flownet.safetensors"
+CARD = "flownet.json"
+SHIPPED = Path(__file__).parents[1] / "zoo" / "flow"
+
+_DARKEST = 1e-3
+"""Pictures dimmer than this (sRGB code) are not brightened any further."""
+
+_FINE_DETAIL_GAIN = 4.0
+
+_HIDDEN = 32
+"""Channels that a level hands to the next beside the flow."""
 
 
-class LucasKanade(nn.Module):
-    """How far every pixel of one picture has gone in the next.
+class FlowNetConfig(Config):
+    """Sizes of the net, from the finest level (half the picture) to the coarsest."""
 
-    levels: of the pyramid, at most (none below 8 px); each doubles the reach, which is about 2 px at
-    the coarsest. iterations: Gauss-Newton steps a level. window_px: sigma of the Gaussian window over
-    which motion is taken as constant. Smoke that fades or folds breaks the assumption of constant
-    brightness; this is an estimate, not the simulated motion.
+    features: tuple[int, ...] = Field(default=(16, 32, 64, 96), min_length=1)
+    decoders: tuple[int, ...] = Field(default=(32, 64, 96, 96), min_length=1)
+    """Widths of each level's first two convolutions."""
+    reaches_px: tuple[int, ...] = Field(default=(1, 2, 3, 2), min_length=1)
+    """Shifts that each cost volume compares, in the level's own pixels."""
+
+
+class FlowNet(nn.Module):
+    """How far every pixel of one picture has gone in the next. Any size from 16 x 16 px.
+
+    Brightness does not matter: a pair is scaled by its own. Pictures without smoke have no flow to find, and what the
+    net answers there means nothing.
     """
 
-    name = "lucas_kanade"
-    pretrained = False
+    name = "flownet"
 
-    def __init__(self, *, levels: int = 4, iterations: int = 3, window_px: float = 1.6) -> None:
+    def __init__(self, config: FlowNetConfig | None = None, *, pretrained: bool = False) -> None:
         super().__init__()
-        if levels < 1 or iterations < 1 or not window_px > 0.0:
-            raise ValueError(
-                f"Lucas-Kanade needs levels ({levels}) and iterations ({iterations}) of at least 1 "
-                f"and a window ({window_px} px) above 0"
+        self.config = config = config or FlowNetConfig()
+        self.pretrained = pretrained
+        depths = {len(config.features), len(config.decoders), len(config.reaches_px)}
+        if len(depths) > 1:
+            raise ValueError(f"{config} counts its levels in {len(depths)} ways; give all three tuples one length")
+        below = (2, *config.features[:-1])
+        self.encoders = nn.ModuleList(map(_encoder, below, config.features))
+        coarsest = len(config.features) - 1
+        self.decoders = nn.ModuleList(
+            FlowDecoder(features, width, reach, is_coarsest=level == coarsest)
+            for level, (features, width, reach) in enumerate(
+                zip(config.features, config.decoders, config.reaches_px, strict=True)
             )
-        self.levels = levels
-        self.iterations = iterations
-        self.window_px = window_px
+        )
 
-    def forward(self, first: Float[Tensor, "n c h w"], second: Float[Tensor, "n c h w"]) -> Float[Tensor, "n 2 h w"]:
-        """Flow [px; right, down] on the pixels of `first`: second(x + flow) is close to first(x)."""
-        # fp32: the determinant below is a difference of products of small gradients
+    def forward(self, first: Float[Tensor, "n 1 h w"], second: Float[Tensor, "n 1 h w"]) -> Float[Tensor, "n 2 h w"]:
+        """Flow [px; right, down] on the pixels of `first`: second(x + flow) is close to first(x). sRGB code."""
+        return self.pyramid(first, second)[-1]
+
+    def pyramid(self, first: Float[Tensor, "n 1 h w"], second: Float[Tensor, "n 1 h w"]) -> list[Tensor]:
+        """The flow after every level, coarsest first, each brought to the pictures' size [px of the picture]."""
+        height, width = first.shape[2:]
+        # fp32: what is left of the motion shows in small differences of features
         with torch.autocast(first.device.type, enabled=False):
-            pyramid = [(first.float(), second.float())]
-            while len(pyramid) < self.levels and min(pyramid[-1][0].shape[2:]) >= 2 * _SMALLEST_SIDE_PX:
-                pyramid.append((pyrdown(pyramid[-1][0]), pyrdown(pyramid[-1][1])))
-            coarsest = pyramid[-1][0]
-            flow = coarsest.new_zeros((coarsest.shape[0], 2, *coarsest.shape[2:]))
-            for fine_first, fine_second in reversed(pyramid):
-                flow = _resized(flow, height=fine_first.shape[2], width=fine_first.shape[3])
-                for _ in range(self.iterations):
-                    flow = self._blurred(flow + self._update(fine_first, warp(fine_second, flow)))
-            return flow
-
-    def _update(self, first: Tensor, second: Tensor) -> Tensor:
-        """The step that least squares asks for in every window (Lucas & Kanade 1981), [n, 2, h, w]."""
-        # the mean of both gradients: second-order accurate in the step
-        gradient = 0.5 * (spatial_gradient(first) + spatial_gradient(second))
-        right, down = gradient[:, :, 0], gradient[:, :, 1]
-        change = second - first
-        products = torch.stack([right * right, right * down, down * down, right * change, down * change], dim=1)
-        rr, rd, dd, rc, dc = self._blurred(products.sum(dim=2)).split(1, dim=1)
-        # a damping relative to the whole picture: flat parts stay still, at any brightness
-        damping = 1e-3 * (rr + dd).mean(dim=(2, 3), keepdim=True) + 1e-8
-        rr, dd = rr + damping, dd + damping
-        determinant = rr * dd - rd * rd
-        step = torch.cat([rd * dc - dd * rc, rd * rc - rr * dc], dim=1) / determinant
-        return step.clamp(-self.window_px, self.window_px)
-
-    def _blurred(self, values: Tensor) -> Tensor:
-        size = 2 * round(2.0 * self.window_px) + 1
-        return gaussian_blur2d(values, size, (self.window_px, self.window_px), border_type="replicate")
+            pair = _prepared(torch.cat([first.float(), second.float()]), multiple=2 ** len(self.encoders))
+            levels = []
+            for encode in self.encoders:
+                pair = encode(pair)
+                levels.append(pair.chunk(2))
+            flow, hidden, flows = None, None, []
+            for decode, (one, two) in zip(reversed(self.decoders), reversed(levels), strict=True):
+                flow, hidden = decode(one, two, flow, hidden)
+                scale = 2 ** (len(self.encoders) - len(flows))
+                size = {"height": scale * one.shape[2], "width": scale * one.shape[3]}
+                flows.append(resized_flow(flow, **size)[:, :, :height, :width])
+        return flows
 
 
-def warp(picture: Float[Tensor, "n c h w"], flow: Float[Tensor, "n 2 h w"]) -> Float[Tensor, "n c h w"]:
-    """picture(x + flow), bilinear; beyond the border, the border's value. flow: [px; right, down]."""
-    height, width = picture.shape[2:]
-    y = torch.arange(height, device=flow.device, dtype=flow.dtype)[:, None] + flow[:, 1]
-    x = torch.arange(width, device=flow.device, dtype=flow.dtype)[None, :] + flow[:, 0]
-    grid = torch.stack([(2.0 * x + 1.0) / width - 1.0, (2.0 * y + 1.0) / height - 1.0], dim=-1)
-    return functional.grid_sample(picture, grid, mode="bilinear", padding_mode="border", align_corners=False)
+class FlowDecoder(nn.Module):
+    """One level: the flow of the level below made finer."""
+
+    def __init__(self, features: int, width: int, reach_px: int, *, is_coarsest: bool) -> None:
+        super().__init__()
+        self.reach_px = reach_px
+        shifts = (2 * reach_px + 1) ** 2
+        from_below = 0 if is_coarsest else 2 + _HIDDEN
+        self.layers = nn.Sequential(
+            *_convolution(shifts + 2 * features + from_below, width),
+            *_convolution(width, width),
+            *_convolution(width, _HIDDEN),
+        )
+        self.to_flow = nn.Conv2d(_HIDDEN, 2, 3, padding=1)
+        nn.init.normal_(self.to_flow.weight, std=1e-3)
+        nn.init.zeros_(self.to_flow.bias)
+
+    def forward(self, one: Tensor, two: Tensor, flow: Tensor | None, hidden: Tensor | None) -> tuple[Tensor, Tensor]:
+        """The flow in this level's pixels, and what the next level may know of how it was found."""
+        below = []
+        if flow is not None and hidden is not None:
+            flow = resized_flow(flow, height=one.shape[2], width=one.shape[3])
+            two = warp(two, flow)
+            below = [flow, functional.interpolate(hidden, size=one.shape[2:], mode="bilinear", align_corners=False)]
+        hidden = self.layers(torch.cat([cost_volume(one, two, reach_px=self.reach_px), one, two - one, *below], dim=1))
+        step = self.to_flow(hidden)
+        return (step if flow is None else flow + step), hidden
 
 
-def _resized(flow: Tensor, *, height: int, width: int) -> Tensor:
-    """The flow on another grid over the same picture, its lengths in that grid's pixels."""
-    if flow.shape[2:] == (height, width):
-        return flow
-    stretch = flow.new_tensor([width / flow.shape[3], height / flow.shape[2]]).reshape(1, 2, 1, 1)
-    return functional.interpolate(flow, size=(height, width), mode="bilinear", align_corners=False) * stretch
+def cost_volume(
+    one: Float[Tensor, "n c h w"], two: Float[Tensor, "n c h w"], *, reach_px: int
+) -> Float[Tensor, "n s h w"]:
+    """Cosine between features of `one` and of `two` at every shift of up to `reach_px` each way; in [-1, 1]."""
+    one, two = (functional.normalize(features, dim=1, eps=1e-3) for features in (one, two))
+    height, width = one.shape[2:]
+    padded = functional.pad(two, [reach_px] * 4)
+    side = range(2 * reach_px + 1)
+    return torch.stack([(one * padded[:, :, y : y + height, x : x + width]).sum(1) for y in side for x in side], dim=1)
+
+
+def _prepared(pictures: Tensor, *, multiple: int) -> Tensor:
+    """Pairs [2n, 1, h, w] scaled by their own brightness, with a channel of fine detail, padded to whole levels."""
+    pairs = torch.stack(pictures.chunk(2))
+    power = pairs.square()
+    # the mean square weighted by itself: how much of the picture is empty does not matter
+    bright = power.square().sum(dim=(0, 2, 3, 4)) / (power.sum(dim=(0, 2, 3, 4)) + _DARKEST**2)
+    scale = (bright + _DARKEST**2).rsqrt().reshape(1, -1, 1, 1, 1)
+    scaled = (pairs * scale).flatten(0, 1)
+    height, width = scaled.shape[2:]
+    padding = [0, -width % multiple, 0, -height % multiple]
+    scaled = functional.pad(scaled, padding, mode="replicate")
+    detail = scaled - gaussian_blur2d(scaled, 9, (2.0, 2.0), border_type="replicate")
+    return torch.cat([scaled, _FINE_DETAIL_GAIN * detail], dim=1)
+
+
+def _encoder(channels: int, features: int) -> nn.Sequential:
+    return nn.Sequential(*_convolution(channels, features, stride=2), *_convolution(features, features))
+
+
+def _convolution(channels: int, features: int, *, stride: int = 1) -> tuple[nn.Module, nn.Module]:
+    convolution = nn.Conv2d(channels, features, 3, stride=stride, padding=1)
+    nn.init.kaiming_normal_(convolution.weight, a=0.1)
+    nn.init.zeros_(convolution.bias)
+    return convolution, nn.LeakyReLU(0.1)
+
+
+class FlowCard(Config):
+    """What stands beside the weights. data: hash of the clips. scores: endpoint errors on validation smoke [px]."""
+
+    format: Literal[1] = 1
+    net: FlowNetConfig
+    steps: int
+    data: str
+    size_px: int
+    scores: dict[str, float]
+    provenance: dict[str, str]
+    licence: str = "Apache-2.0, as sixway; trained on pictures of sixway's own simulations alone"
+    weights_sha256: str = ""
+
+
+def save_flownet(folder: Path, net: FlowNet, card: FlowCard) -> None:
+    """Write weights and card, each whole; the card holds the hash of the weights."""
+    with atomic_path(folder / WEIGHTS) as temporary:
+        save_file({name: tensor.contiguous() for name, tensor in net.state_dict().items()}, temporary)
+    card = card.model_copy(update={"weights_sha256": sha256_file(folder / WEIGHTS)})
+    write_text(folder / CARD, card.model_dump_json(indent=1) + "\n")
+
+
+def load_flownet(folder: Path = SHIPPED) -> FlowNet:
+    """The trained net, frozen: its answers are differentiable in the pictures, its weights are constants.
+
+    Raises FileNotFoundError if there is none, ValueError if weights and card do not belong together.
+    """
+    if not (folder / CARD).is_file() or not (folder / WEIGHTS).is_file():
+        raise FileNotFoundError(
+            f"{folder}: holds no FlowNet ({CARD} and {WEIGHTS}); "
+            f"run: python -m sixway.train_flow configs/train/flow.yaml --run-dir {folder}"
+        )
+    try:
+        card = FlowCard.model_validate_json((folder / CARD).read_bytes())
+    except ValidationError as error:
+        raise ValueError(f"{folder / CARD}: is no card of a FlowNet of format 1 ({error})") from error
+    if sha256_file(folder / WEIGHTS) != card.weights_sha256:
+        raise ValueError(f"{folder / WEIGHTS}: is not the file that {CARD} names; copy both from one run")
+    net = FlowNet(card.net, pretrained=True)
+    try:
+        net.load_state_dict(load_file(folder / WEIGHTS))
+    except (SafetensorError, RuntimeError) as error:
+        raise ValueError(f"{folder / WEIGHTS}: cannot be loaded ({error}); train or copy it again") from error
+    return net.eval().requires_grad_(False)

@@ -1,5 +1,6 @@
 """The net: a guide picture to eight lightmap channels, as a correction to what the guide already shows."""
 
+from functools import partial
 from typing import Annotated
 
 import torch
@@ -11,6 +12,8 @@ from sixway.core.config import Config
 from sixway.core.conventions import ADAPTER_PAIRS, LIGHTMAP_CHANNELS
 from sixway.models.adapter import ChannelAdapter
 from sixway.models.conditioning import GuideConditioning
+from sixway.models.cost import adapter_macs
+from sixway.models.nafblock import share_of_smoke
 from sixway.models.trunk import Trunk
 
 Width = Annotated[int, Field(ge=1)]
@@ -21,35 +24,48 @@ class UNetConfig(Config):
 
     widths: channels at 1/2, 1/4, ... of the resolution, the last at the bottleneck; pictures are
     padded to a multiple of 2^len(widths). adapter_width, adapter_blocks: channels and NAFBlocks of
-    each of the four channel adapters, which run at half resolution.
+    each of the four channel adapters, which run at half resolution. adapters: False puts one head for all
+    eight channels there, as wide as the four cost together (the paper's ablation).
     """
 
     widths: Annotated[tuple[Width, ...], Field(min_length=2, max_length=8)] = (16, 24, 32, 48)
     adapter_width: Width = 16
     adapter_blocks: Annotated[int, Field(ge=0)] = 1
+    adapters: bool = True
 
 
 class SixWayUNet(nn.Module):
-    """A U-Net with four channel adapters (seeds: neural six-way lightmaps, Fig. 3).
+    """`unet_naf`: a U-Net with four channel adapters of NAFBlocks (seeds: neural six-way lightmaps, Fig. 3).
 
     guide_channels: names of the guide's channels, in order; ``transmittance`` must be among them.
-    guide_scale: the brightness scale of the dataset, kept in the state as ``conditioning.scale``.
+    guide_scale, emissive_scale: the brightness scales of the dataset, kept in the state (`GuideConditioning`).
 
     Answers in the space of `models.encoding`, unclamped. A direction that the guide shows is answered
-    as guide + correction, and so is alpha; the others come from the net alone.
+    as guide + correction, and so are alpha and emissive; the others come from the net alone. An empty
+    border of whole strides changes no answer but within 4 px of where the picture ended.
     """
 
-    def __init__(self, config: UNetConfig, *, guide_channels: tuple[str, ...], guide_scale: float) -> None:
+    def __init__(
+        self,
+        config: UNetConfig,
+        *,
+        guide_channels: tuple[str, ...],
+        guide_scale: float,
+        emissive_scale: float | None = None,
+    ) -> None:
         super().__init__()
         guides = len(guide_channels)
         self.config = config
         self.guide_channels = guide_channels
-        self.conditioning = GuideConditioning(guide_channels, scale=guide_scale)
+        self.conditioning = GuideConditioning(guide_channels, scale=guide_scale, emissive_scale=emissive_scale)
         self.trunk = Trunk(guides, config.widths)
         self.guide_skip = _space_to_depth(guides)
+        features = config.widths[0] + 4 * guides
+        adapter_of = partial(ChannelAdapter, features, blocks=config.adapter_blocks)
         self.adapters = nn.ModuleList(
-            ChannelAdapter(config.widths[0] + 4 * guides, width=config.adapter_width, blocks=config.adapter_blocks)
-            for _ in ADAPTER_PAIRS
+            [adapter_of(len(pair), width=config.adapter_width) for pair in _PAIRS]
+            if config.adapters
+            else [adapter_of(len(LIGHTMAP_CHANNELS), width=_width_of_one_head(features, config))]
         )
 
     @property
@@ -63,10 +79,7 @@ class SixWayUNet(nn.Module):
         height, width = int(guide.shape[2]), int(guide.shape[3])
         conditioned = self.conditioning(guide)
         correction = self._correction(self._padded(conditioned, height, width))[:, :, :height, :width]
-        return torch.cat(
-            [self._answer(channel, correction, conditioned) for channel in LIGHTMAP_CHANNELS],
-            dim=1,
-        )
+        return self._shown(conditioned) + correction
 
     def _padded(self, conditioned: Tensor, height: int, width: int) -> Tensor:
         """Zeros to the right and below; a conditioned guide is zero where space is empty."""
@@ -80,21 +93,38 @@ class SixWayUNet(nn.Module):
         return conditioned
 
     def _correction(self, conditioned: Tensor) -> Tensor:
-        """Eight channels in the order of `ADAPTER_PAIRS`."""
-        features = torch.cat([self.trunk(conditioned), self.guide_skip(conditioned)], dim=1)
-        return torch.cat([adapter(features) for adapter in self.adapters], dim=1)
+        place = self.guide_channels.index("transmittance")
+        alpha = conditioned[:, place : place + 1]
+        features = torch.cat([self.trunk(conditioned, alpha), self.guide_skip(conditioned)], dim=1)
+        smoke = share_of_smoke(alpha)
+        if smoke.dtype != features.dtype:  # under autocast; the exporter would write a Cast for nothing
+            smoke = smoke.to(features.dtype)
+        return torch.cat([adapter(features, smoke) for adapter in self.adapters], dim=1)
 
-    def _answer(self, channel: str, correction: Tensor, conditioned: Tensor) -> Tensor:
-        index = _ADAPTER_CHANNELS.index(channel)
-        answer = correction[:, index : index + 1]
-        shown_as = "transmittance" if channel == "alpha" else channel
-        if shown_as in self.guide_channels:
-            shown = self.guide_channels.index(shown_as)
-            answer = answer + conditioned[:, shown : shown + 1]
-        return answer
+    def _shown(self, conditioned: Tensor) -> Tensor:
+        """The lightmap as the guide shows it; zero in channels that it does not show."""
+        nothing = torch.zeros_like(conditioned[:, :1])
+        shown_as = ["transmittance" if channel == "alpha" else channel for channel in LIGHTMAP_CHANNELS]
+        places = [self.guide_channels.index(name) if name in self.guide_channels else None for name in shown_as]
+        return torch.cat([nothing if i is None else conditioned[:, i : i + 1] for i in places], dim=1)
 
 
-_ADAPTER_CHANNELS = tuple(channel for pair in ADAPTER_PAIRS for channel in pair)
+# each pair in the order of the lightmap's channels, so that the adapters' answers need no reordering
+_PAIRS = sorted(
+    (tuple(sorted(pair, key=LIGHTMAP_CHANNELS.index)) for pair in ADAPTER_PAIRS),
+    key=lambda pair: LIGHTMAP_CHANNELS.index(pair[0]),
+)
+assert tuple(channel for pair in _PAIRS for channel in pair) == LIGHTMAP_CHANNELS
+
+
+def _width_of_one_head(features: int, config: UNetConfig) -> int:
+    """The widest that one head for all channels can be at the cost of the four adapters."""
+    blocks = config.adapter_blocks
+    budget = sum(adapter_macs(features, len(pair), config.adapter_width, blocks) for pair in _PAIRS)
+    width = config.adapter_width
+    while adapter_macs(features, len(LIGHTMAP_CHANNELS), width + 1, blocks) <= budget:
+        width += 1
+    return width
 
 
 def _space_to_depth(channels: int) -> nn.Conv2d:

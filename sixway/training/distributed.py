@@ -33,11 +33,11 @@ def process_group(device: str) -> Iterator[tuple[Ranks, str]]:
         yield Ranks(), device
         return
     on_cuda = device.startswith("cuda")
+    if on_cuda:  # before the group: nccl binds to the current device
+        device = f"cuda:{os.environ.get('LOCAL_RANK', '0')}"
+        torch.cuda.set_device(device)
     torch.distributed.init_process_group("nccl" if on_cuda else "gloo")
     try:
-        if on_cuda:
-            device = f"cuda:{os.environ.get('LOCAL_RANK', '0')}"
-            torch.cuda.set_device(device)
         yield Ranks(torch.distributed.get_rank(), torch.distributed.get_world_size()), device
     finally:
         torch.distributed.destroy_process_group()

@@ -2,76 +2,44 @@
 
 import math
 import signal
+import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor
-from torch.optim.swa_utils import AveragedModel
 
-from sixway.core.config import Config, dump_config, load_config
-from sixway.core.conventions import DIRECTIONS
+from sixway.core.config import dump_config, load_config
 from sixway.core.progress import track
-from sixway.core.store import provenance, sha256_file, write_json, write_text
+from sixway.core.store import provenance, write_json, write_text
 from sixway.data.dataset import SmokeDataset
-from sixway.data.manifest import MANIFEST
-from sixway.losses.total import LossConfig, TotalLoss
-from sixway.models.card import NetCard, save_net
-from sixway.models.encoding import encode_lightmap
-from sixway.models.features import GradientFeatures
-from sixway.models.flownet import LucasKanade
-from sixway.models.unet import SixWayUNet, UNetConfig
+from sixway.models.card import CARD, WEIGHTS, save_net
 from sixway.training.checkpoint import load_checkpoint, save_checkpoint
-from sixway.training.distributed import Ranks, process_group
+from sixway.training.config import TrainConfig
+from sixway.training.distributed import process_group
 from sixway.training.log import MetricsLog
-from sixway.training.schedule import ema_decay, learning_rate
+from sixway.training.prefetch import prefetch
+from sixway.training.run import Run
+from sixway.training.true_flow import true_flows
+from sixway.training.validation import SCORE, picture, validate, write_picture
 
 CONFIG = "config.yaml"
-_VALIDATION_PAIRS = 16
-
-
-class OptimiserConfig(Config):
-    """Adam under a warm-up and a cosine, on pairs of consecutive frames."""
-
-    steps: int = Field(ge=1)
-    pairs_per_batch: int = Field(default=2, ge=1)
-    """A batch holds twice as many pictures."""
-    lr: float = Field(default=1e-3, gt=0.0)
-    warmup_steps: int = Field(default=50, ge=1)
-    clip_norm: float = Field(default=1.0, gt=0.0)
-    ema: float = Field(default=0.999, ge=0.0, lt=1.0)
-    """Decay of the averaged weights, which are what is saved, evaluated and exported."""
-    flip: bool = True
-    precision: Literal["fp32", "bf16"] = "fp32"
-    seed: int = Field(default=0, ge=0)
-    log_every: int = Field(default=50, ge=1)
-    validate_every: int = Field(default=500, ge=1)
-    checkpoint_every: int = Field(default=500, ge=1)
-
-
-class TrainConfig(Config):
-    """A training run: which data, which guide, which net, which loss."""
-
-    data: str
-    """Dataset folder."""
-    guide: str
-    """Guide variant of the dataset that the net reads."""
-    net: UNetConfig = UNetConfig()
-    train: OptimiserConfig
-    loss: LossConfig = LossConfig()
+BEST = "best"
+FLOWS = "true_flow"
+PICTURES = "validation"
 
 
 class Interrupted(RuntimeError):
     """The run was asked to stop; its state is saved."""
 
 
-def train(config: TrainConfig, *, run_dir: Path, device: str) -> None:
-    """Train, or continue, the run in `run_dir`; ends with `model.safetensors` and its card there.
+def train(config: TrainConfig, *, run_dir: Path, device: str) -> bool:
+    """Train, or continue, the run in `run_dir`; whether there was anything left to do.
 
+    Ends with the averaged net of the last step there (`model.safetensors` and its card), and in `best/`
+    that of the best validation; `validation/` holds a picture of each validation.
     Raises ValueError if the folder holds a run of another config or dataset, RuntimeError if the loss
     stops being finite, `Interrupted` after SIGINT or SIGTERM.
     """
@@ -82,144 +50,86 @@ def train(config: TrainConfig, *, run_dir: Path, device: str) -> None:
         if ranks.is_first:
             _claim(run_dir, config)
         run = Run(config, dataset, device=own_device, ranks=ranks)
-        start = run.resume(load_checkpoint(run_dir))
-        log = MetricsLog(run_dir, from_step=start) if ranks.is_first else None
-        if log and start == 0:
+        start = 0
+        if state := load_checkpoint(run_dir):
+            run.resume(state)
+            start = state["step"]
+        if start == config.train.steps and all((run_dir / name).is_file() for name in (WEIGHTS, CARD)):
+            return False
+        if run.loss.flow is not None:
+            dataset.pair_flows = true_flows(dataset, run.loss.flow, run_dir / FLOWS, device=own_device)
+        best = state["best"] if state else None
+        record = Record(run, validation, run_dir, start=start, best=best) if ranks.is_first else None
+        with closing(record) if record else nullcontext():
+            steps = range(start, config.train.steps)
+            batches = prefetch(run.read, steps)
+            shown = track(batches, total=config.train.steps, label="train", start=start) if record else batches
+            for step, batch in shown:
+                terms = run.step(step, batch)
+                stopping = bool(asked_to_stop)
+                if record:
+                    record.after(step, terms, pictures=len(batch.guide), stopping=stopping)
+                if stopping:
+                    raise Interrupted(f"stopped after step {step + 1}; the same command continues from there")
+        if ranks.is_first:
+            save_net(run_dir, run.averaged, run.card(steps=config.train.steps))
+        return True
+
+
+class Record:
+    """What the first process writes down of a run: log, validations, best net, checkpoints.
+
+    best: score and step of the best validation so far, as the checkpoint of step `start` has it.
+    """
+
+    def __init__(
+        self, run: Run, validation: SmokeDataset, run_dir: Path, *, start: int, best: dict[str, float] | None
+    ) -> None:
+        self.run = run
+        self.run_dir = run_dir
+        self.best = best
+        self.validation = validation
+        self.log = MetricsLog(run_dir, from_step=start, tensorboard=run.config.train.tensorboard)
+        self._pictures, self._since = 0, time.perf_counter()
+        if start == 0:
             write_json(run_dir / "run.json", {"provenance": provenance(), "loss": run.loss.describe()})
 
-        settings = config.train
-        steps = range(start, settings.steps)
-        for step in track(steps, total=settings.steps, label="train", start=start) if ranks.is_first else steps:
-            terms = run.step(step)
-            done, stopping = step + 1, bool(asked_to_stop)
-            if log:
-                is_last = done == settings.steps
-                logs = done % settings.log_every == 0
-                validates = is_last or done % settings.validate_every == 0
-                saves = is_last or stopping or done % settings.checkpoint_every == 0
-                finite = _finite(terms, step) if logs or validates or saves else {}
-                if logs:
-                    log.write(step, lr=run.rate(step), **finite)
-                if validates:
-                    log.write(step, validation_psnr_db=run.validate(validation))
-                if saves:
-                    save_checkpoint(run_dir, run.state(done))
-            if stopping:
-                raise Interrupted(f"stopped after step {done}; the same command continues from there")
-        if ranks.is_first:
-            run.net.load_state_dict(run.averaged.module.state_dict())
-            save_net(run_dir, run.net, run.card())
+    def after(self, step: int, terms: dict[str, Tensor], *, pictures: int, stopping: bool) -> None:
+        """Write down what is due after a step. Raises RuntimeError if its loss is not finite and anything is due."""
+        settings = self.run.config.train
+        done = step + 1
+        is_last = done == settings.steps
+        logs = done % settings.log_every == 0
+        validates = is_last or done % settings.validate_every == 0
+        saves = is_last or stopping or done % settings.checkpoint_every == 0
+        self._pictures += pictures * self.run.ranks.count
+        if not (logs or validates or saves):
+            return
+        finite = _finite(terms, step)
+        if logs:
+            speed = self._pictures / (time.perf_counter() - self._since)
+            self.log.write(step, lr=self.run.rate(step), **finite, images_per_s=round(speed, 1))
+        if validates:
+            self._validate(done)
+        if saves:
+            save_checkpoint(self.run_dir, {**self.run.state(done), "best": self.best})
+        if logs or validates:
+            self._pictures, self._since = 0, time.perf_counter()
 
+    def close(self) -> None:
+        self.log.close()
 
-class Run:
-    """The moving parts of a training run."""
-
-    def __init__(self, config: TrainConfig, dataset: SmokeDataset, *, device: str, ranks: Ranks) -> None:
-        self.config = config
-        self.dataset = dataset
-        self.device = device
-        self.ranks = ranks
-        self.scale = dataset.manifest.scale
-        self.net = SixWayUNet(config.net, guide_channels=dataset.guide_channels, guide_scale=self.scale).to(device)
-        self.parallel = ranks.wrap(self.net)
-        self.averaged = AveragedModel(self.net, avg_fn=self._average)
-        self.optimiser = torch.optim.Adam(self.net.parameters(), lr=config.train.lr)
-        self.loss = build_loss(config.loss).to(device)
-        self._at_step = 0
-
-    def step(self, step: int) -> dict[str, Tensor]:
-        """One optimiser step; the loss terms, on the device (reading them waits for it)."""
-        settings = self.config.train
-        self._at_step = step
-        for group in self.optimiser.param_groups:
-            group["lr"] = self.rate(step)
-        rng = np.random.default_rng([settings.seed, step, self.ranks.rank])
-        batch = self.dataset.batch(rng, num_pairs=settings.pairs_per_batch, flip=settings.flip)
-        guide = batch.guide.to(self.device, non_blocking=True)
-        target = encode_lightmap(batch.target.to(self.device, non_blocking=True), scale=self.scale)
-        with torch.autocast(self.device.split(":")[0], torch.bfloat16, enabled=settings.precision == "bf16"):
-            predicted = self.parallel(guide)
-        total, terms = self.loss(predicted, target, has_emissive=self.dataset.has_emissive, is_pair=True, step=step)
-        self.optimiser.zero_grad(set_to_none=True)
-        total.backward()
-        norm = torch.nn.utils.clip_grad_norm_(self.net.parameters(), settings.clip_norm)
-        self.optimiser.step()
-        self.averaged.update_parameters(self.net)
-        return {"loss": total.detach(), **terms, "gradient_norm": norm}
-
-    def rate(self, step: int) -> float:
-        settings = self.config.train
-        return learning_rate(step, steps=settings.steps, peak=settings.lr, warmup_steps=settings.warmup_steps)
-
-    @torch.no_grad()
-    def validate(self, dataset: SmokeDataset) -> float:
-        """PSNR [dB] of the mean squared error of the averaged net, six maps in sRGB, over some validation pairs."""
-        self.averaged.eval()
-        errors = []
-        for group, described in enumerate(dataset.groups):
-            pairs = len(described.samples) // 2
-            for row in range(0, pairs, max(1, pairs // _VALIDATION_PAIRS)):
-                pair = dataset.pair(group, row)
-                target = encode_lightmap(pair.target.to(self.device), scale=self.scale)
-                difference = self.averaged(pair.guide.to(self.device)).float() - target
-                errors.append(difference[:, : len(DIRECTIONS)].square().mean().item())
-        return -10.0 * math.log10(sum(errors) / len(errors))
-
-    def state(self, step: int) -> dict[str, Any]:
-        """All that the next step depends on: randomness is a function of the step itself."""
-        return {
-            "step": step,
-            "dataset": self.dataset.identity,
-            "net": self.net.state_dict(),
-            "averaged": self.averaged.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-        }
-
-    def resume(self, state: dict[str, Any] | None) -> int:
-        """Take up a checkpoint; the step to continue with. Raises ValueError if it is of another net or dataset."""
-        if state is None:
-            return 0
-        if state.get("dataset") != self.dataset.identity:
-            raise ValueError(
-                f"{self.config.data}: is not the dataset that this run began with (its frames or its brightness "
-                "scale changed); use another --run-dir"
-            )
-        try:
-            self.net.load_state_dict(state["net"])
-            self.averaged.load_state_dict(state["averaged"])
-            self.optimiser.load_state_dict(state["optimiser"])
-        except (KeyError, RuntimeError, ValueError) as error:
-            raise ValueError(f"the checkpoint does not fit this config: {error}; use another --run-dir") from error
-        return int(state["step"])
-
-    def card(self) -> NetCard:
-        manifest, group = self.dataset.manifest, self.dataset.groups[0]
-        return NetCard(
-            net=self.config.net,
-            guide_name=self.config.guide,
-            guide=self.dataset.guide_config,
-            guide_channels=self.dataset.guide_channels,
-            scale=self.scale,
-            has_emissive=self.dataset.has_emissive,
-            medium=manifest.medium,
-            height_px=group.height_px,
-            width_px=group.width_px,
-            steps=self.config.train.steps,
-            dataset=manifest.name,
-            dataset_sha256=sha256_file(Path(self.config.data) / MANIFEST),
-            loss=self.loss.describe(),
-            provenance=provenance(),
-        )
-
-    def _average(self, averaged: Tensor, current: Tensor, _: Tensor | int) -> Tensor:
-        return torch.lerp(current, averaged, ema_decay(self._at_step, decay=self.config.train.ema))
-
-
-def build_loss(config: LossConfig) -> TotalLoss:
-    """The loss with the networks that its config names."""
-    features = GradientFeatures() if config.features == "gradients" else None
-    estimator = LucasKanade() if config.estimator == "lucas_kanade" else None
-    return TotalLoss(config, features=features, estimator=estimator)
+    def _validate(self, done: int) -> None:
+        """Score and picture after `done` steps; the net is kept if none before was better."""
+        net, device = self.run.averaged, self.run.device
+        scores = validate(net, self.validation, device=device)
+        self.log.write(done - 1, **scores)
+        pixels = picture(net, self.validation, device=device)
+        write_picture(self.run_dir / PICTURES / f"step_{done:07d}.png", pixels)
+        self.log.show(done - 1, "validation", pixels)
+        if self.best is None or scores[SCORE] > self.best[SCORE]:
+            save_net(self.run_dir / BEST, net, self.run.card(steps=done))
+            self.best = {"step": done, SCORE: scores[SCORE]}
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from sixway.core.config import load_config
-from sixway.training.loop import TrainConfig
+from sixway.training.config import TrainConfig
 
 
 @pytest.fixture

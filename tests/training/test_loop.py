@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -14,18 +15,28 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from safetensors.torch import load_file
 from torch import Tensor
 
 from sixway.core.config import dump_config
 from sixway.core.store import read_json, read_json_lines
+from sixway.data.clips import Batch
 from sixway.data.dataset import SmokeDataset
+from sixway.losses.flow import FlowLoss
 from sixway.models.card import CARD, WEIGHTS, load_net
+from sixway.models.encoding import encode_lightmap
+from sixway.models.flow_lucas_kanade import LucasKanade
+from sixway.train import main
 from sixway.training import loop
+from sixway.training import run as run_module
 from sixway.training.checkpoint import LATEST, PREVIOUS
+from sixway.training.config import TrainConfig
 from sixway.training.distributed import Ranks
-from sixway.training.log import METRICS, MetricsLog
-from sixway.training.loop import Interrupted, Run, TrainConfig, train
+from sixway.training.log import METRICS, TENSORBOARD, MetricsLog
+from sixway.training.loop import BEST, FLOWS, PICTURES, Interrupted, train
+from sixway.training.run import Run
+from sixway.training.true_flow import true_flows
 
 Config = Callable[..., TrainConfig]
 
@@ -37,8 +48,8 @@ def stop_after(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, Callable[[], o
     def arrange(steps: int, act: Callable[[], object]) -> None:
         whole = Run.step
 
-        def step(self: Run, number: int) -> dict[str, Tensor]:
-            terms = whole(self, number)
+        def step(self: Run, number: int, batch: Batch) -> dict[str, Tensor]:
+            terms = whole(self, number, batch)
             if number == steps - 1:
                 act()
             return terms
@@ -49,7 +60,11 @@ def stop_after(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, Callable[[], o
 
 
 def result(run_dir: Path) -> tuple[bytes, list[Any]]:
-    return (run_dir / WEIGHTS).read_bytes(), read_json_lines(run_dir / METRICS)
+    """What a run makes, but for its speed."""
+    lines = read_json_lines(run_dir / METRICS)
+    for line in lines:
+        line.pop("images_per_s", None)
+    return b"".join((folder / WEIGHTS).read_bytes() for folder in (run_dir, run_dir / BEST)), lines
 
 
 FULL_LOSS = ("loss.perceptual=0.1", "loss.features=gradients", "loss.flow=0.1", "loss.estimator=lucas_kanade")
@@ -59,10 +74,17 @@ class Killed(BaseException):
     """Stands for a kill: nothing of the run's own handles it."""
 
 
-@pytest.mark.parametrize("more", [(), FULL_LOSS], ids=["mse", "every term"])
+@pytest.mark.parametrize("more", [("train.precision=bf16",), FULL_LOSS], ids=["bf16", "every term"])
 def test_a_killed_run_is_resumed_bit_for_bit(
-    config: Config, tmp_path: Path, stop_after: Any, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...]
+    config: Config,
+    mixed_dataset: Path,
+    tmp_path: Path,
+    stop_after: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    more: tuple[str, ...],
 ) -> None:
+    """On pictures of two sizes, which different steps see."""
+    more = (*more, f"data={mixed_dataset}", "train.draw=sizes")
     train(config(*more), run_dir=tmp_path / "whole", device="cpu")
 
     def kill() -> None:
@@ -97,11 +119,20 @@ def test_a_run_that_is_asked_to_stop_saves_at_once(
     assert result(tmp_path / "stopped") == result(tmp_path / "whole")
 
 
-def test_a_finished_run_is_left_as_it_is(trained_run: Path, config: Config, tmp_path: Path) -> None:
-    train(config(), run_dir=tmp_path / "run", device="cpu")
-    before = result(tmp_path / "run")
-    train(config(), run_dir=tmp_path / "run", device="cpu")
-    assert result(tmp_path / "run") == before
+def test_a_finished_run_is_left_as_it_is(config: Config, tmp_path: Path) -> None:
+    assert train(config(), run_dir=tmp_path / "run", device="cpu")
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*")}
+    assert not train(config(), run_dir=tmp_path / "run", device="cpu")
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*")} == before
+
+
+def test_a_run_killed_before_its_last_file_gets_it(config: Config, tmp_path: Path) -> None:
+    assert train(config("train.steps=2"), run_dir=tmp_path, device="cpu")
+    before = result(tmp_path)
+    (tmp_path / CARD).unlink()
+    assert train(config("train.steps=2"), run_dir=tmp_path, device="cpu")
+    assert result(tmp_path) == before
+    assert load_net(tmp_path)[1].steps == 2
 
 
 def test_the_seed_decides(config: Config, tmp_path: Path) -> None:
@@ -128,9 +159,8 @@ def test_twenty_steps_fit_the_training_frames_better(config: Config, guide: str,
     settings = config(f"guide={guide}", "train.steps=1000", "train.lr=1e-3", *more)
     torch.manual_seed(0)
     run = Run(settings, SmokeDataset(Path(settings.data), guide=guide, split="train"), device="cpu", ranks=Ranks())
-    batch = run.dataset.batch
-    run.dataset.batch = lambda rng, **kw: batch(np.random.default_rng(0), **kw)  # type: ignore[method-assign]
-    losses = [float(run.step(step)["loss"]) for step in range(20)]
+    batch = run.read(0)
+    losses = [float(run.step(step, batch)["loss"]) for step in range(20)]
     assert losses[-1] < 0.8 * losses[0]
 
 
@@ -160,12 +190,111 @@ def test_the_saved_net_is_the_averaged_one(trained_run: Path, tiny_dataset: Any)
     saved = load_file(trained_run / WEIGHTS)
     assert saved.keys() == state["net"].keys()
     for name, values in saved.items():
-        assert torch.equal(values, state["averaged"][f"module.{name}"])
+        assert torch.equal(values, state["averaged"][name])
     assert any(not torch.equal(values, state["net"][name]) for name, values in saved.items())
     net, card = load_net(trained_run)
     assert not net.training
     assert card.steps == 30 and card.guide_name == "six" and not card.has_emissive
     assert card.scale == SmokeDataset(tiny_dataset.folder, guide="six", split="train").manifest.scale
+
+
+def test_the_best_net_is_kept_beside_the_last(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop_after: Any
+) -> None:
+    """Scores are made up: best at step 4, then worse; a run stopped in between remembers what was best."""
+    made_up = {2: 30.0, 4: 35.0, 6: 33.0, 8: 34.0}
+
+    def validate(net: Any, *_: Any, **__: Any) -> dict[str, float]:
+        scored.append(0)
+        return {"validation_psnr_db": made_up[2 * len(scored)]}
+
+    scored: list[int] = []
+    monkeypatch.setattr(loop, "validate", validate)
+    settings = config("train.steps=8", "train.validate_every=2")
+    stop_after(5, lambda: signal.raise_signal(signal.SIGTERM))
+    with pytest.raises(Interrupted):
+        train(settings, run_dir=tmp_path, device="cpu")
+    at_step_4 = (tmp_path / BEST / WEIGHTS).read_bytes()
+    train(settings, run_dir=tmp_path, device="cpu")
+    assert (tmp_path / BEST / WEIGHTS).read_bytes() == at_step_4 != (tmp_path / WEIGHTS).read_bytes()
+    assert load_net(tmp_path / BEST)[1].steps == 4
+    assert load_net(tmp_path)[1].steps == 8
+    assert torch.load(tmp_path / LATEST, weights_only=True)["best"] == {"step": 4, "validation_psnr_db": 35.0}
+
+
+def test_true_flows_are_estimated_once(config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = config("train.steps=2", *FULL_LOSS)
+    train(settings, run_dir=tmp_path, device="cpu")
+    (cached,) = (tmp_path / FLOWS).iterdir()
+    flows = np.load(cached)
+    assert flows.shape == (4, 2, 20, 24) and flows.dtype == np.float16
+    dataset = SmokeDataset(Path(settings.data), guide="six", split="train")
+    encoded = encode_lightmap(dataset.pair(0, 3).target, scale=dataset.scale)
+    lit = encoded[:, :6].mean(dim=1, keepdim=True)
+    expected = LucasKanade()(lit[:1], lit[1:])[0]
+    assert expected.abs().max() > 0.1
+    np.testing.assert_allclose(flows[3], expected, atol=2e-3)
+
+    def refuse(*_: Any) -> None:
+        raise AssertionError("estimated again")
+
+    monkeypatch.setattr(FlowLoss, "flow_of", refuse)
+    again = true_flows(dataset, FlowLoss(LucasKanade()), tmp_path / FLOWS, device="cpu")
+    np.testing.assert_array_equal(again[0], flows)
+    with pytest.raises(AssertionError, match="estimated again"):  # another network by the same name
+        other = torch.nn.Linear(1, 1)
+        other.name = "lucas_kanade"  # type: ignore[assignment]
+        true_flows(dataset, FlowLoss(other), tmp_path / FLOWS, device="cpu")  # type: ignore[arg-type]
+
+
+def test_a_cached_flow_gives_the_loss_that_an_estimated_one_does(config: Config, tmp_path: Path) -> None:
+    settings = config(*FULL_LOSS)
+    run = Run(settings, SmokeDataset(Path(settings.data), guide="six", split="train"), device="cpu", ranks=Ranks())
+    estimated = run.compare(0, run.read(0))[1]["flow"]
+    assert run.loss.flow is not None
+    run.dataset.pair_flows = true_flows(run.dataset, run.loss.flow, tmp_path, device="cpu")
+    assert run.compare(0, run.read(0))[1]["flow"] == pytest.approx(float(estimated), rel=0.01)
+    run.dataset.pair_flows = [np.array(run.dataset.pair_flows[0]) + np.float16(3.0)]
+    assert run.compare(0, run.read(0))[1]["flow"] > 2.0 + estimated
+
+
+def test_validations_are_drawn(trained_run: Path) -> None:
+    pictures = sorted((trained_run / PICTURES).iterdir())
+    assert [path.name for path in pictures] == ["step_0000015.png", "step_0000030.png"]
+    with Image.open(pictures[0]) as image:
+        # four rows (guide, predicted, true, difference) of up to eight tiles with 2 px between
+        assert image.size == (8 * 26, 4 * 22)
+
+
+def test_tensorboard_shows_what_the_log_holds(config: Config, tmp_path: Path) -> None:
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    settings = config("train.steps=6", "train.log_every=2", "train.tensorboard=true")
+    train(settings, run_dir=tmp_path, device="cpu")
+    events = accumulator.EventAccumulator(str(tmp_path / TENSORBOARD)).Reload()
+    losses = [line["loss"] for line in read_json_lines(tmp_path / METRICS) if "loss" in line]
+    assert [event.step for event in events.Scalars("loss")] == [1, 3, 5]
+    assert [event.value for event in events.Scalars("loss")] == pytest.approx(losses)
+    assert len(events.Images("validation")) == 1
+
+
+def test_tensorboard_that_is_not_installed_is_told_of(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
+    with pytest.raises(ValueError, match=r"not installed; run: pip install 'sixway\[tracking\]'"):
+        train(config("train.tensorboard=true"), run_dir=tmp_path, device="cpu")
+
+
+def test_a_dry_run_tells_the_time_and_writes_nothing(trained_run: Path, tmp_path: Path, capsys: Any) -> None:
+    arguments = [str(trained_run.parent / "train.yaml"), "train.steps=5", "--run-dir", str(tmp_path / "run")]
+    assert main([*arguments, "--dry-run"]) == 0
+    assert re.search(r"5 steps .*\nabout \d+\.\d min .*\ndry run", capsys.readouterr().out)
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_command_says_that_a_run_is_finished(trained_run: Path, capsys: Any) -> None:
+    assert main([str(trained_run.parent / "train.yaml"), "--run-dir", str(trained_run)]) == 0
+    assert "was finished before, nothing was done" in capsys.readouterr().out
 
 
 def test_a_folder_of_another_run_is_refused(config: Config, tmp_path: Path) -> None:
@@ -207,14 +336,14 @@ def test_a_run_goes_on_with_its_own_data_only(
 def test_a_loss_that_is_not_finite_stops_the_run_and_saves_nothing(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log_every: int
 ) -> None:
-    encode = loop.encode_lightmap
+    encode = run_module.encode_lightmap
     calls = []
 
     def poisoned(*args: Any, **kwargs: Any) -> Tensor:
         calls.append(0)
         return encode(*args, **kwargs) * (float("nan") if len(calls) > 8 else 1.0)
 
-    monkeypatch.setattr(loop, "encode_lightmap", poisoned)
+    monkeypatch.setattr(run_module, "encode_lightmap", poisoned)
     settings = config(f"train.log_every={log_every}", "train.validate_every=100")
     with pytest.raises(RuntimeError, match=r"the loss is no longer finite .*lower train\.lr or use fp32"):
         train(settings, run_dir=tmp_path, device="cpu")
@@ -253,7 +382,7 @@ def test_two_processes_train_one_net(config: Config, tmp_path: Path) -> None:
         [*command, "--run-dir", str(tmp_path / "run")],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=250,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     assert done.returncode == 0, done.stderr[-2000:]

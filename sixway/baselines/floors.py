@@ -5,20 +5,20 @@ Each is fitted on the training split alone and answers a raw guide [n, g, h, w] 
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from torch.nn.functional import interpolate
 
+from sixway.baselines.billboard import Billboard
+from sixway.baselines.encoding import Encoded, Guide, conditioning, encode_target
 from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS
-from sixway.data.clips import Batch
 from sixway.data.dataset import SmokeDataset
-from sixway.models.conditioning import GuideConditioning
-from sixway.models.encoding import encode_lightmap
-
-Guide = Float[np.ndarray, "n g h w"]
-Encoded = Float[np.ndarray, "n 8 h w"]
+from sixway.data.manifest import Sample
 
 
 class MeanImage:
-    """The mean of the training targets of that image size, whatever the guide shows."""
+    """The mean of the training targets of that image size, whatever the guide shows.
+
+    Of a size that training never saw: the mean of the largest trained size, resampled.
+    """
 
     name = "mean image"
 
@@ -29,20 +29,21 @@ class MeanImage:
             targets = (encode_target(dataset, dataset.pair(number, row)).mean(0, dtype=np.float64) for row in pairs)
             self._means[(group.height_px, group.width_px)] = np.mean(list(targets), axis=0).astype(np.float32)
 
-    def encoded(self, guide: Guide) -> Encoded:
+    def answer(self, guide: Guide, samples: tuple[Sample, ...]) -> Encoded:
         size = (guide.shape[2], guide.shape[3])
         if size not in self._means:
-            raise ValueError(f"no training images of {size} (h, w), so there is no mean image of that size")
+            largest = torch.from_numpy(self._means[max(self._means)][None])
+            self._means[size] = interpolate(largest, size, mode="bilinear", antialias=True)[0].numpy()
         return np.repeat(self._means[size][None], len(guide), axis=0)
 
 
 class LinearFit:
-    """Each map as the best linear mix of the guide's channels (as the net sees them) and a constant."""
+    """Each map as the best linear mix of the guide's channels (as the net sees them) and a constant, for all sizes."""
 
     name = "linear fit"
 
     def __init__(self, dataset: SmokeDataset) -> None:
-        self._conditioning = GuideConditioning(dataset.guide_channels, scale=dataset.manifest.scale)
+        self._conditioning = conditioning(dataset)
         features = len(dataset.guide_channels) + 1
         gram = np.zeros((features, features))
         moment = np.zeros((features, len(LIGHTMAP_CHANNELS)))
@@ -55,7 +56,7 @@ class LinearFit:
                 moment += x.T @ y
         self._weights = np.linalg.lstsq(gram, moment, rcond=None)[0]
 
-    def encoded(self, guide: Guide) -> Encoded:
+    def answer(self, guide: Guide, samples: tuple[Sample, ...]) -> Encoded:
         n, _, h, w = guide.shape
         answer = (self._features(guide) @ self._weights).reshape(n, h, w, len(LIGHTMAP_CHANNELS))
         return np.maximum(np.moveaxis(answer, -1, 1), 0.0).astype(np.float32)
@@ -68,7 +69,7 @@ class LinearFit:
 
 
 class CoarseMaps:
-    """The guide's own maps and 1 - T as they are; only for a guide with a channel for every light."""
+    """The guide's own maps, 1 - T and fire as they are; only for a guide with a channel for every light."""
 
     name = "guide as it is"
 
@@ -76,9 +77,9 @@ class CoarseMaps:
         if not set(DIRECTIONS) <= set(dataset.guide_channels):
             raise ValueError(f"the guide {dataset.guide_channels} shows no map of every direction")
         self._channels = dataset.guide_channels
-        self._conditioning = GuideConditioning(self._channels, scale=dataset.manifest.scale)
+        self._conditioning = conditioning(dataset)
 
-    def encoded(self, guide: Guide) -> Encoded:
+    def answer(self, guide: Guide, samples: tuple[Sample, ...]) -> Encoded:
         with torch.inference_mode():
             conditioned = self._conditioning(torch.from_numpy(guide)).numpy()
         answer = np.zeros((len(guide), len(LIGHTMAP_CHANNELS), *guide.shape[2:]), np.float32)
@@ -89,14 +90,11 @@ class CoarseMaps:
         return answer
 
 
-def floors(train: SmokeDataset) -> list[MeanImage | LinearFit | CoarseMaps]:
-    """Every floor that this guide allows, fitted on the training split."""
-    found: list[MeanImage | LinearFit | CoarseMaps] = [MeanImage(train), LinearFit(train)]
+def floors(train: SmokeDataset, test: SmokeDataset) -> list[MeanImage | LinearFit | CoarseMaps | Billboard]:
+    """Every floor that the guide and the views allow: fitted on `train`, the billboard baked from `test`."""
+    found: list[MeanImage | LinearFit | CoarseMaps | Billboard] = [MeanImage(train), LinearFit(train)]
     if set(DIRECTIONS) <= set(train.guide_channels):
         found.append(CoarseMaps(train))
+    if (billboard := Billboard(test)).turns:
+        found.append(billboard)
     return found
-
-
-def encode_target(dataset: SmokeDataset, pair: Batch) -> Encoded:
-    """The true maps of a pair in the net's encoding."""
-    return encode_lightmap(pair.target, scale=dataset.manifest.scale).numpy()

@@ -7,6 +7,7 @@ from typing import Any
 from jinja2 import Environment
 
 from sixway.core.store import write_json, write_text
+from sixway.evaluation.tables import Table, axis_tables, fire_table, main_table, map_table, time_table
 
 _PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>sixway: {{ title }}</title>
@@ -41,60 +42,32 @@ def write_report(folder: Path, report: dict[str, Any], pictures: dict[str, Path]
         title=f"{report['dataset']}, {report['split']} split, guide {report['guide']}",
         about=(
             f"{report['frames']} frames; commit {report['provenance']['commit']}; {report['provenance']['hardware']}. "
-            "Maps: sRGB with the dataset's brightness scale. Shaded: four fixed light sets, sRGB, clipped to [0, 1]. "
-            f"Masked: true alpha above {report['mask_alpha']}, {report['coverage']:.1%} of the pixels."
+            f"Maps: sRGB with the dataset's brightness scale. {sparse(report)}"
         ),
-        tables=[_psnr_table(report), _map_table(report), _perceived_table(report)],
+        tables=report_tables(report),
         pictures=embedded,
-        texts={"What the net was trained under": _lines(report["loss"]), "Provenance": _lines(report["provenance"])},
+        texts={
+            "The net": _lines(report["net"]),
+            "What it was trained under": _lines(report["loss"]),
+            "Provenance": _lines(report["provenance"]),
+        },
     )
     write_text(folder / "report.html", page)
     return folder / "report.html"
 
 
-def _db(value: float | None) -> str:
-    return "inf" if value is None else f"{value:.2f}"
+def report_tables(report: dict[str, Any]) -> list[Table]:
+    """All tables of one report, the most important first."""
+    one = {"run": report}
+    fire = fire_table(one)
+    return [main_table(one), map_table(one), *axis_tables(one), *([fire] if fire else []), time_table(one)]
 
 
-def _psnr_table(report: dict[str, Any]) -> dict[str, Any]:
-    rows = []
-    for name, summary in report["methods"].items():
-        maps, masked, shaded = (summary["psnr"][kind] for kind in ("maps", "maps_masked", "shaded"))
-        rows.append(
-            [
-                name,
-                _db(maps["psnr_of_mean_mse_db"]),
-                _db(maps["mean_of_psnr_db"]),
-                f"{_db(maps['highest_db'])} / {_db(maps['lowest_db'])}",
-                f"{maps['mse']:.5f}",
-                _db(masked["psnr_of_mean_mse_db"]),
-                _db(shaded["psnr_of_mean_mse_db"]),
-                _db(summary["psnr"]["alpha"]["psnr_of_mean_mse_db"]),
-                summary["worst_simulation"],
-            ]
-        )
-    ceiling = report["ceiling_psnr_db"]
-    note = (
-        "The references are noisy too: a perfect net would score about "
-        f"{ceiling:.1f} dB on the maps (two seeds, + 3.01 dB, bias apart)."
-        if ceiling is not None
-        else "The noise of the references was not measured."
-    )
-    head = ["", "maps: PSNR of mean MSE", "mean of PSNRs", "max / min", "MSE", "masked", "shaded", "alpha", "worst"]
-    return {"title": "PSNR in dB", "head": head, "rows": rows, "note": note}
-
-
-def _map_table(report: dict[str, Any]) -> dict[str, Any]:
-    names = list(next(iter(report["methods"].values()))["per_map_psnr_db"])
-    rows = [[m, *(_db(s["per_map_psnr_db"][n]) for n in names)] for m, s in report["methods"].items()]
-    return {"title": "Each map, PSNR of mean MSE in dB", "head": ["", *names], "rows": rows, "note": ""}
-
-
-def _perceived_table(report: dict[str, Any]) -> dict[str, Any]:
-    perceived = report["methods"]["net"]["perceived"]
-    rows = [[name.replace("_", " "), f"{value:.4f}"] for name, value in perceived.items()]
-    note = "Temporal error: what is left of a frame after warping the one before; the truth has some of its own."
-    return {"title": "The net, as perceived", "head": ["", "mean"], "rows": rows, "note": note}
+def sparse(report: dict[str, Any]) -> str:
+    """How many of the frames are nearly empty."""
+    part = next((row for row in report["breakdown"]["coverage"] if row["label"].startswith("less than")), None)
+    frames = 0 if part is None else part["frames"]
+    return f"{frames} of them show smoke on less than {report['sparse_below']:.0%} of their pixels; they count as well."
 
 
 def _lines(values: dict[str, Any]) -> str:

@@ -1,190 +1,187 @@
 """Scores of anything that answers a guide, frame by frame, on (a) the six maps and (b) shaded pictures.
 
 Maps are compared in sRGB with the dataset's brightness scale; shaded pictures as displayed (sRGB, clipped
-to [0, 1]) under a fixed list of lights. Data range 1 everywhere.
+to [0, 1]) under 16 fixed white lights, one at a time. Data range 1 everywhere. Fire is apart: the shaded
+pictures leave it out and emissive has a score of its own.
 """
 
-import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float
 
-from sixway.baselines.floors import encode_target
+from sixway.baselines.encoding import encode_target
 from sixway.core.color import decode_srgb, encode_srgb
 from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS
 from sixway.core.records import SixWayLightmap
 from sixway.data.dataset import SmokeDataset
 from sixway.data.manifest import Sample
+from sixway.evaluation.lights import PERCEIVED_LIGHTS, score_weights
 from sixway.metrics.flip import flip
-from sixway.metrics.psnr import FrameError, mse, summarise_psnr
+from sixway.metrics.psnr import FrameError, mse
 from sixway.metrics.ssim import ssim
 from sixway.metrics.temporal import temporal_error
-from sixway.shading.compose import shade
-from sixway.shading.light import DirectionalLight
 
 MASK_ALPHA = 0.02
 """Foreground: where the true alpha exceeds this."""
 
-TEST_LIGHTS: dict[str, tuple[DirectionalLight, ...]] = {
-    "sun from the right": (DirectionalLight.parse("right,1.0,0.95,0.85"),),
-    "moon from the top left": (DirectionalLight.parse("-1:1:0.3,0.75,0.85,1.0"),),
-    "back light": (DirectionalLight.parse("0.3:0.4:-1,1.6,1.3,1.0"),),
-    "red below, blue above": (
-        DirectionalLight.parse("bottom,1.0,0.25,0.1"),
-        DirectionalLight.parse("0.2:1:0.5,0.3,0.5,1.0"),
-    ),
-}
-"""The fixed light set of the shaded scores and of the contact sheet; camera frame."""
+BURNING = 0.02
+"""A frame burns if its true emissive, sRGB-encoded, exceeds this anywhere."""
+
+_LIT = len(DIRECTIONS)
+_ALPHA = LIGHTMAP_CHANNELS.index("alpha")
+_EMISSIVE = LIGHTMAP_CHANNELS.index("emissive")
+_WEIGHTS = score_weights()
 
 
 @runtime_checkable
 class Answers(Protocol):
-    """A net, an ONNX file, or a floor."""
+    """A net or a floor. None: there is nothing to answer for these frames, they do not count."""
 
-    def encoded(self, guide: np.ndarray) -> np.ndarray: ...
+    def answer(
+        self, guide: Float[np.ndarray, "n g h w"], samples: tuple[Sample, ...]
+    ) -> Float[np.ndarray, "n 8 h w"] | None: ...
 
 
-@dataclass
+@dataclass(frozen=True, kw_only=True)
 class FrameScores:
-    """All scores of one frame; `masked` means over the foreground alone."""
+    """All scores of one frame; `masked` means over the foreground alone.
 
-    simulation: str
-    view: str
-    frame: int
+    shaded: over the pictures of all 16 lights. emissive: of a frame that burns, else None. perceived: SSIM,
+    FLIP (of the frames that they are computed for) and temporal errors (of second frames of pairs).
+    """
+
+    sample: Sample
+    size: tuple[int, int]
+    """Height and width [px]."""
     maps: FrameError
     maps_masked: FrameError
     alpha: FrameError
     per_map: dict[str, FrameError]
+    per_map_masked: dict[str, FrameError]
     shaded: FrameError
     shaded_masked: FrameError
+    emissive: FrameError | None = None
     perceived: dict[str, float] = field(default_factory=dict)
 
 
-def score(dataset: SmokeDataset, answers: Answers, *, perceived: bool) -> list[FrameScores]:
-    """Scores of every frame of the split. perceived: SSIM, FLIP and temporal error as well (slower)."""
-    rows = []
+def score(
+    dataset: SmokeDataset, methods: Mapping[str, Answers], *, perceived_every: int
+) -> dict[str, list[FrameScores]]:
+    """Scores of every method on every frame of the split, by the method's name.
+
+    perceived_every: SSIM and FLIP, which are slow, on the first frame of every n-th pair.
+    """
+    scores: dict[str, list[FrameScores]] = {name: [] for name in methods}
     for number, group in enumerate(dataset.groups):
         flows = dataset.flows[number]
         for row in range(len(group.samples) // 2):
             pair = dataset.pair(number, row)
-            truth = encode_target(dataset, pair)
-            predicted = np.maximum(answers.encoded(pair.guide.numpy()), 0.0)
-            scores = [
-                _score_frame(group.samples[2 * row + i], predicted[i], truth[i], perceived=perceived) for i in range(2)
-            ]
-            if perceived and flows is not None:
-                flow = np.moveaxis(flows[2 * row + 1].astype(np.float32), 0, -1)
-                scores[1].perceived |= _temporal(predicted, truth, flow)
-            rows += scores
-    return rows
-
-
-def as_lightmap(encoded: np.ndarray) -> SixWayLightmap:
-    """Encoded channels [8, h, w] to linear maps that still carry the brightness scale, for shading."""
-    image = np.moveaxis(encoded, 0, -1)[..., : len(LIGHTMAP_CHANNELS) - 1].astype(np.float32)
-    alpha = LIGHTMAP_CHANNELS.index("alpha")
-    linear = np.concatenate([decode_srgb(image[..., :alpha]), np.clip(image[..., alpha:], 0.0, 1.0)], axis=-1)
-    return SixWayLightmap(channels=LIGHTMAP_CHANNELS[:-1], image=np.maximum(linear, 0.0).astype(np.float32))
-
-
-def displayed(lightmap: SixWayLightmap, lights: tuple[DirectionalLight, ...]) -> np.ndarray:
-    """The shaded picture on black as a screen shows it: sRGB in [0, 1], [h, w, 3]."""
-    return np.clip(encode_srgb(shade(lightmap, lights)), 0.0, 1.0).astype(np.float32)
-
-
-def _score_frame(sample: Sample, predicted: np.ndarray, truth: np.ndarray, *, perceived: bool) -> FrameScores:
-    lit = len(DIRECTIONS)
-    maps_p, maps_t = (np.ascontiguousarray(np.moveaxis(x[:lit], 0, -1)) for x in (predicted, truth))
-    alpha = LIGHTMAP_CHANNELS.index("alpha")
-    alpha_p, alpha_t = predicted[alpha][..., None], truth[alpha][..., None]
-    mask = truth[alpha] > MASK_ALPHA
-    pictures = [
-        (displayed(as_lightmap(predicted), lights), displayed(as_lightmap(truth), lights))
-        for lights in TEST_LIGHTS.values()
-    ]
-    shaded_p, shaded_t = (np.concatenate(side, axis=-1) for side in zip(*pictures, strict=True))
-    scores = FrameScores(
-        simulation=sample.simulation,
-        view=sample.view,
-        frame=sample.frame,
-        maps=mse(predicted=maps_p, reference=maps_t),
-        maps_masked=mse(predicted=maps_p, reference=maps_t, mask=mask),
-        alpha=mse(predicted=alpha_p, reference=alpha_t),
-        per_map={
-            name: mse(predicted=maps_p[..., i : i + 1], reference=maps_t[..., i : i + 1])
-            for i, name in enumerate(DIRECTIONS)
-        },
-        shaded=mse(predicted=shaded_p, reference=shaded_t),
-        shaded_masked=mse(predicted=shaded_p, reference=shaded_t, mask=mask),
-    )
-    if perceived:
-        clipped_p, clipped_t = np.clip(maps_p, 0.0, 1.0), np.clip(maps_t, 0.0, 1.0)
-        scores.perceived = {
-            "maps_ssim": ssim(predicted=clipped_p, reference=clipped_t),
-            "maps_flip": float(
-                np.mean(
-                    [
-                        flip(predicted=clipped_p[..., i : i + 1], reference=clipped_t[..., i : i + 1]).mean
-                        for i in range(lit)
-                    ]
-                )
-            ),
-            "shaded_ssim": float(np.mean([ssim(predicted=p, reference=t) for p, t in pictures])),
-            "shaded_flip": float(np.mean([flip(predicted=p, reference=t).mean for p, t in pictures])),
-        }
+            guide = pair.guide.numpy()
+            samples = group.samples[2 * row : 2 * row + 2]
+            truth = [_Frame(encoded) for encoded in encode_target(dataset, pair)]
+            flow = None if flows is None else np.moveaxis(flows[2 * row + 1].astype(np.float32), 0, -1)
+            for name, method in methods.items():
+                answer = method.answer(guide, samples)
+                if answer is None:
+                    continue
+                given = [_Frame(np.maximum(encoded, 0.0)) for encoded in answer]
+                found: list[dict[str, float]] = [{}, {}]
+                if row % perceived_every == 0:
+                    found[0] = _perceived(given[0], truth[0])
+                if flow is not None:
+                    found[1] = _temporal(given, truth, flow)
+                scores[name] += [_scores(samples[i], given[i], truth[i], found[i]) for i in range(2)]
     return scores
 
 
-def _temporal(predicted: np.ndarray, truth: np.ndarray, flow: np.ndarray) -> dict[str, float]:
-    """How much a sequence changes beyond its motion, the prediction's and the truth's own.
+def as_lightmap(encoded: Float[np.ndarray, "8 h w"]) -> SixWayLightmap:
+    """Encoded channels to linear maps and alpha that still carry the brightness scale, for shading."""
+    image = np.moveaxis(encoded, 0, -1)[..., : len(LIGHTMAP_CHANNELS) - 1].astype(np.float32)
+    linear = np.concatenate([decode_srgb(image[..., :_ALPHA]), np.clip(image[..., _ALPHA:], 0.0, 1.0)], axis=-1)
+    return SixWayLightmap(channels=LIGHTMAP_CHANNELS[:-1], image=np.maximum(linear, 0.0).astype(np.float32))
 
-    The flow stored with a frame leads to the next one; over a frame's time it also tells where its
-    pixels came from.
+
+def shaded(encoded_maps: Float[np.ndarray, "h w 6"]) -> Float[np.ndarray, "h w 16"]:
+    """Grey pictures on black under each of the `SCORE_LIGHTS`, as a screen shows them: sRGB in [0, 1]."""
+    shaded: np.ndarray = np.clip(encode_srgb(decode_srgb(encoded_maps) @ _WEIGHTS), 0.0, 1.0)
+    return shaded
+
+
+class _Frame:
+    """One lightmap as all scores look at it."""
+
+    def __init__(self, encoded: Float[np.ndarray, "8 h w"]) -> None:
+        self.encoded = encoded
+        self.maps = np.ascontiguousarray(np.moveaxis(encoded[:_LIT], 0, -1), np.float32)
+        self.shaded = shaded(self.maps)
+
+
+def _scores(sample: Sample, given: _Frame, truth: _Frame, perceived: dict[str, float]) -> FrameScores:
+    mask = truth.encoded[_ALPHA] > MASK_ALPHA
+    burns = truth.encoded[_EMISSIVE].max() > BURNING
+
+    def channel(index: int, *, masked: bool = False) -> FrameError:
+        return mse(
+            predicted=given.encoded[index][..., None],
+            reference=truth.encoded[index][..., None],
+            mask=mask if masked else None,
+        )
+
+    return FrameScores(
+        sample=sample,
+        size=(mask.shape[0], mask.shape[1]),
+        maps=mse(predicted=given.maps, reference=truth.maps),
+        maps_masked=mse(predicted=given.maps, reference=truth.maps, mask=mask),
+        alpha=channel(_ALPHA),
+        per_map={name: channel(i) for i, name in enumerate(DIRECTIONS)},
+        per_map_masked={name: channel(i, masked=True) for i, name in enumerate(DIRECTIONS)},
+        shaded=mse(predicted=given.shaded, reference=truth.shaded),
+        shaded_masked=mse(predicted=given.shaded, reference=truth.shaded, mask=mask),
+        emissive=channel(_EMISSIVE) if burns else None,
+        perceived=perceived,
+    )
+
+
+def _perceived(given: _Frame, truth: _Frame) -> dict[str, float]:
+    """SSIM and FLIP of each map, of all maps, and of the pictures under some of the lights."""
+    maps_p, maps_t = np.clip(given.maps, 0.0, 1.0), np.clip(truth.maps, 0.0, 1.0)
+    found: dict[str, float] = {}
+    for i, name in enumerate(DIRECTIONS):
+        pair = {"predicted": maps_p[..., i : i + 1], "reference": maps_t[..., i : i + 1]}
+        found[f"{name}_ssim"], found[f"{name}_flip"] = ssim(**pair), flip(**pair).mean
+    for metric in ("ssim", "flip"):
+        found[f"maps_{metric}"] = float(np.mean([found[f"{name}_{metric}"] for name in DIRECTIONS]))
+    lights = np.array(PERCEIVED_LIGHTS)
+    shaded_p, shaded_t = given.shaded[..., lights], truth.shaded[..., lights]
+    found["shaded_ssim"] = ssim(predicted=shaded_p, reference=shaded_t)
+    found["shaded_flip"] = float(
+        np.mean(
+            [
+                flip(predicted=shaded_p[..., i : i + 1], reference=shaded_t[..., i : i + 1]).mean
+                for i in range(len(lights))
+            ]
+        )
+    )
+    return found
+
+
+def _temporal(given: list[_Frame], truth: list[_Frame], flow: Float[np.ndarray, "h w 2"]) -> dict[str, float]:
+    """How much a sequence changes beyond its motion: the answer, the truth, and the answer's own error.
+
+    flow: the simulator's, stored with the second frame. It leads to the next one; over a frame's time it also
+    tells where its pixels came from. The error's own flicker is 0 for a perfect answer, and for one whose
+    faults move with the smoke.
     """
-    lit = len(DIRECTIONS)
-    mask = truth[1][LIGHTMAP_CHANNELS.index("alpha")] > MASK_ALPHA
+    mask = truth[1].encoded[_ALPHA] > MASK_ALPHA
 
-    def error(maps: np.ndarray) -> float:
-        current, previous = (np.ascontiguousarray(np.moveaxis(maps[i, :lit], 0, -1)) for i in (1, 0))
+    def error(previous: np.ndarray, current: np.ndarray) -> float:
         return temporal_error(current=current, previous=previous, flow=flow, mask=mask).mean_abs
 
-    return {"temporal_error": error(predicted), "temporal_error_of_truth": error(truth)}
-
-
-def summarise(rows: list[FrameScores]) -> dict[str, Any]:
-    """Tables of the scores: per kind PSNR both ways, per map, the perceived means, the worst simulation."""
-    kinds: dict[str, Callable[[FrameScores], FrameError]] = {
-        "maps": lambda r: r.maps,
-        "maps_masked": lambda r: r.maps_masked,
-        "alpha": lambda r: r.alpha,
-        "shaded": lambda r: r.shaded,
-        "shaded_masked": lambda r: r.shaded_masked,
-    }
-    psnr = {kind: _plain(asdict(summarise_psnr([pick(r) for r in rows]))) for kind, pick in kinds.items()}
-    for kind, pick in kinds.items():
-        seen = [pick(r).mse for r in rows if pick(r).coverage > 0.0]
-        psnr[kind]["mse"] = float(np.mean(seen)) if seen else None
-    simulations = sorted({r.simulation for r in rows})
-    by_simulation = {
-        name: summarise_psnr([r.maps for r in rows if r.simulation == name]).psnr_of_mean_mse_db for name in simulations
-    }
-    per_map = {name: summarise_psnr([r.per_map[name] for r in rows]).psnr_of_mean_mse_db for name in DIRECTIONS}
-    perceived: dict[str, list[float]] = {}
-    for r in rows:
-        for key, value in r.perceived.items():
-            if math.isfinite(value):  # a frame without smoke has no temporal error
-                perceived.setdefault(key, []).append(value)
     return {
-        "psnr": psnr,
-        "per_map_psnr_db": _plain(per_map),
-        "perceived": {key: float(np.mean(perceived[key])) for key in sorted(perceived)},
-        "maps_psnr_by_simulation_db": _plain(by_simulation),
-        "worst_simulation": min(by_simulation, key=lambda name: by_simulation[name]),
+        "temporal_error": error(given[0].maps, given[1].maps),
+        "temporal_error_of_truth": error(truth[0].maps, truth[1].maps),
+        "flicker_of_error": error(given[0].maps - truth[0].maps, given[1].maps - truth[1].maps),
     }
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """JSON knows no infinity or NaN: they become None."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sixway.baselines.floors import CoarseMaps, LinearFit, MeanImage, encode_target, floors
+from sixway.baselines.encoding import encode_target
+from sixway.baselines.floors import CoarseMaps, LinearFit, MeanImage, floors
 from sixway.core.color import decode_srgb, encode_srgb
 from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS
 from sixway.core.store import sha256_file
@@ -31,7 +32,7 @@ def test_the_mean_image_is_the_mean(six: SmokeDataset) -> None:
     maps = np.array(six._targets[0], np.float64)
     expected = encode_srgb(maps[:, :6] * six.manifest.scale).mean(0)
     guides, targets = everything(six)
-    answer = MeanImage(six).encoded(guides)
+    answer = MeanImage(six).answer(guides, ())
     assert answer.shape == targets.shape and answer.dtype == np.float32
     for shown in answer:
         np.testing.assert_allclose(shown[:6], expected, atol=1e-5)
@@ -39,9 +40,14 @@ def test_the_mean_image_is_the_mean(six: SmokeDataset) -> None:
         np.testing.assert_allclose(shown[7], 0.0, atol=1e-6)
 
 
-def test_the_mean_image_knows_only_its_size(six: SmokeDataset) -> None:
-    with pytest.raises(ValueError, match=r"no training images of \(24, 20\)"):
-        MeanImage(six).encoded(np.zeros((1, 8, 24, 20), np.float32))
+def test_the_mean_image_of_another_size_is_resampled(six: SmokeDataset) -> None:
+    """Twice the size: the mean over each 2 x 2 block is close to the pixel that it came from."""
+    small = MeanImage(six).answer(np.zeros((1, 8, 20, 24), np.float32), ())
+    large = MeanImage(six).answer(np.zeros((1, 8, 40, 48), np.float32), ())
+    assert large.shape == (1, 8, 40, 48)
+    blocks = large.reshape(1, 8, 20, 2, 24, 2).mean(axis=(3, 5))
+    np.testing.assert_allclose(blocks.mean((2, 3)), small.mean((2, 3)), rtol=0.02, atol=1e-4)
+    assert np.corrcoef(blocks[0, :7].ravel(), small[0, :7].ravel())[0, 1] > 0.99
 
 
 def test_a_linear_relation_is_recovered(tiny_dataset: Any, tmp_path: Path, rng: np.random.Generator) -> None:
@@ -66,7 +72,7 @@ def test_a_linear_relation_is_recovered(tiny_dataset: Any, tmp_path: Path, rng: 
 
     fit = LinearFit(SmokeDataset(folder, guide="paper", split="train"))
     unseen, _ = everything(SmokeDataset(folder, guide="paper", split="test"))
-    answer = fit.encoded(unseen)
+    answer = fit.answer(unseen, ())
     np.testing.assert_allclose(answer[:, :7], mixed(unseen.astype(np.float64)), atol=2e-3)  # targets are half floats
     np.testing.assert_allclose(answer[:, 7], 0.0, atol=1e-6)
 
@@ -81,25 +87,25 @@ def test_the_linear_fit_is_the_best_of_its_kind(tiny_dataset: Any, guide: str) -
     def error(answer: np.ndarray) -> np.ndarray:
         return ((answer - targets) ** 2).mean((0, 2, 3))[:7]
 
-    best = error(fit.encoded(guides))
+    best = error(fit.answer(guides, ()))
     assert (best <= targets.var((0, 2, 3))[:7] + 1e-7).all()
     if guide == "six":
-        assert (best <= error(CoarseMaps(dataset).encoded(guides)) + 1e-7).all()
+        assert (best <= error(CoarseMaps(dataset).answer(guides, ())) + 1e-7).all()
     for change in (0.97, 1.03):
         other = LinearFit(dataset)
         other._weights = fit._weights * change
-        assert (best < error(other.encoded(guides))).all()
+        assert (best < error(other.answer(guides, ()))).all()
 
 
 def test_answers_are_never_negative(six: SmokeDataset) -> None:
     fit = LinearFit(six)
     fit._weights = fit._weights - 0.5
-    assert fit.encoded(everything(six)[0]).min() == 0.0
+    assert fit.answer(everything(six)[0], ()).min() == 0.0
 
 
 def test_the_coarse_maps_are_the_guide(six: SmokeDataset) -> None:
     guides, _ = everything(six)
-    answer = CoarseMaps(six).encoded(guides)
+    answer = CoarseMaps(six).answer(guides, ())
     for i, name in enumerate(LIGHTMAP_CHANNELS[:6]):
         raw = guides[:, six.guide_channels.index(name)].astype(np.float64)
         np.testing.assert_allclose(answer[:, i], encode_srgb(raw * six.manifest.scale), atol=1e-5, err_msg=name)
@@ -112,6 +118,8 @@ def test_a_guide_without_six_maps_has_no_coarse_maps(tiny_dataset: Any, six: Smo
     paper = SmokeDataset(tiny_dataset.folder, guide="paper", split="train")
     with pytest.raises(ValueError, match="shows no map of every direction"):
         CoarseMaps(paper)
-    assert [floor.name for floor in floors(paper)] == ["mean image", "linear fit"]
-    assert [floor.name for floor in floors(six)] == ["mean image", "linear fit", "guide as it is"]
+    test = SmokeDataset(tiny_dataset.folder, guide="six", split="test")
+    card = "billboard baked at yaw 0"
+    assert [floor.name for floor in floors(paper, test)] == ["mean image", "linear fit", card]
+    assert [floor.name for floor in floors(six, test)] == ["mean image", "linear fit", "guide as it is", card]
     assert set(DIRECTIONS) <= set(six.guide_channels)

@@ -5,9 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sixway.baselines.floors import encode_target
+from sixway.baselines.encoding import encode_target
 from sixway.core.conventions import DIRECTIONS
 from sixway.data.dataset import SmokeDataset
+from sixway.data.manifest import Sample
 
 
 @pytest.fixture(scope="session")
@@ -24,7 +25,7 @@ class Knows:
             pair = dataset.pair(0, row)
             self._answers[pair.guide.numpy().tobytes()] = change(encode_target(dataset, pair).copy())
 
-    def encoded(self, guide: np.ndarray) -> np.ndarray:
+    def answer(self, guide: np.ndarray, samples: tuple[Sample, ...]) -> np.ndarray:
         return self._answers[guide.tobytes()]
 
 

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS
-from sixway.evaluation.pictures import contact_sheet
-from sixway.evaluation.score import TEST_LIGHTS
+from sixway.evaluation.lights import PICTURE_LIGHTS, SCORE_LIGHTS
+from sixway.evaluation.pictures import contact_sheet, light_sheet
 
 GUIDE = (*DIRECTIONS, "transmittance", "depth")
 TILE, ROW, COLUMN, TOP, LEFT = 160, 196, 164, 36, 4
@@ -90,7 +90,7 @@ def test_flip_is_black_where_maps_are_equal(sheet: np.ndarray) -> None:
 
 
 def test_lit_smoke_is_bright_towards_its_lights(sheet: np.ndarray) -> None:
-    names = list(TEST_LIGHTS)
+    names = list(PICTURE_LIGHTS)
     sun = sides(tile(sheet, "relit truth", names.index("sun from the right")))
     assert sun["right"] > 1.3 * sun["left"]
     moon = sides(tile(sheet, "relit truth", names.index("moon from the top left")))
@@ -115,7 +115,40 @@ def test_pictures_keep_their_shape(tmp_path: Path) -> None:
 
 
 def test_pictures_larger_than_a_tile_are_reduced(tmp_path: Path) -> None:
-    large = ball(400, 400)
+    large = ball(200, 200)
     sheet = sheet_of(tmp_path, large, large)
     seen = sides(tile(sheet, "truth", 0))
     assert seen["right"] > 1.8 * seen["left"]
+
+
+def test_fire_has_a_column_where_there_is_any(tmp_path: Path) -> None:
+    truth = ball(40, 40)
+    burning = truth.copy()
+    burning[LIGHTMAP_CHANNELS.index("emissive")] = 0.5
+    guide = np.zeros((8, 40, 40), np.float32)
+    path = tmp_path / "fire.png"
+    contact_sheet(path, guide=guide, guide_channels=GUIDE, scale=1.0, predicted=truth, truth=burning, has_emissive=True)
+    with Image.open(path) as image:
+        sheet = np.asarray(image).astype(float)
+    assert tile(sheet, "predicted", 7).max() == 0.0
+    np.testing.assert_allclose(tile(sheet, "truth", 7), 128.0)
+    assert tile(sheet, "flip", 7).min() > 50.0
+
+
+def test_the_light_sheet_shows_every_light_of_the_scores(tmp_path: Path) -> None:
+    """Each tile is brighter on the side that its light stands on; where nothing differs FLIP is black."""
+    truth = ball(40, 40)
+    light_sheet(tmp_path / "lights.png", predicted=truth, truth=truth)
+    with Image.open(tmp_path / "lights.png") as image:
+        sheet = np.asarray(image).astype(float)
+    edge, row, column = 96, 96 + 36, 100
+    assert sheet.shape == (3 * row + 4, 16 * column + 4, 3)
+    for number, light in enumerate(SCORE_LIGHTS):
+        left = number * column + LEFT
+        seen = sides(sheet[TOP : TOP + edge, left : left + edge])
+        x, y, _ = light.to_light
+        if abs(x) > 0.3:
+            assert (seen["right"] > seen["left"]) == (x > 0.0), number
+        if abs(y) > 0.3:
+            assert (seen["top"] > seen["bottom"]) == (y > 0.0), number
+        assert sheet[TOP + 2 * row : TOP + 2 * row + edge, left : left + edge].max() < 8.0

@@ -57,7 +57,7 @@ def train(config: TrainConfig, *, run_dir: Path, device: str) -> bool:
         if start == config.train.steps and all((run_dir / name).is_file() for name in (WEIGHTS, CARD)):
             return False
         if run.loss.flow is not None:
-            dataset.pair_flows = true_flows(dataset, run.loss.flow, run_dir / FLOWS, device=own_device)
+            dataset.pair_flows = true_flows(dataset, run.loss.flow, Path(config.data) / FLOWS, device=own_device)
         best = state["best"] if state else None
         record = Record(run, validation, run_dir, start=start, best=best) if ranks.is_first else None
         with closing(record) if record else nullcontext():

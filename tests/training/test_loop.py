@@ -224,8 +224,9 @@ def test_the_best_net_is_kept_beside_the_last(
 
 def test_true_flows_are_estimated_once(config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = config("train.steps=2", *FULL_LOSS)
+    cache = Path(settings.data) / FLOWS
     train(settings, run_dir=tmp_path, device="cpu")
-    (cached,) = (tmp_path / FLOWS).iterdir()
+    (cached,) = cache.iterdir()
     flows = np.load(cached)
     assert flows.shape == (4, 2, 20, 24) and flows.dtype == np.float16
     dataset = SmokeDataset(Path(settings.data), guide="six", split="train")
@@ -239,12 +240,12 @@ def test_true_flows_are_estimated_once(config: Config, tmp_path: Path, monkeypat
         raise AssertionError("estimated again")
 
     monkeypatch.setattr(FlowLoss, "flow_of", refuse)
-    again = true_flows(dataset, FlowLoss(LucasKanade()), tmp_path / FLOWS, device="cpu")
+    again = true_flows(dataset, FlowLoss(LucasKanade()), cache, device="cpu")
     np.testing.assert_array_equal(again[0], flows)
     with pytest.raises(AssertionError, match="estimated again"):  # another network by the same name
         other = torch.nn.Linear(1, 1)
-        other.name = "lucas_kanade"  # type: ignore[assignment]
-        true_flows(dataset, FlowLoss(other), tmp_path / FLOWS, device="cpu")  # type: ignore[arg-type]
+        other.name, other.pretrained = "lucas_kanade", True  # type: ignore[assignment]
+        true_flows(dataset, FlowLoss(other), cache, device="cpu")  # type: ignore[arg-type]
 
 
 def test_a_cached_flow_gives_the_loss_that_an_estimated_one_does(config: Config, tmp_path: Path) -> None:

@@ -20,8 +20,10 @@ from sixway.core.video import write_video
 from sixway.inference.bake import LightmapBaker
 from sixway.inference.predict import load_predictor
 from sixway.inference.sequence import Path1D, Shot, camera_of, render
-from sixway.shading.compose import BlendRule
-from sixway.shading.light import DirectionalLight
+from sixway.shading.blend import BlendRule
+from sixway.shading.colour import SmokeColour
+from sixway.shading.notation import LIGHT_FORMS, parse_light, parse_rgb
+from sixway.shading.sky import read_environment
 from sixway.volumes.extinction import DEFAULT_OPTICAL_DEPTH
 from sixway.volumes.read import find_volumes
 from sixway.volumes.sequence import VolumeSequence, open_sequence, slice_frames
@@ -58,7 +60,10 @@ def _parser() -> argparse.ArgumentParser:
     add("volume", help=".vdb, .nvdb, .vol, .npz, .npy or .pbrt file, a folder, or a pattern (quoted)")
     add("--checkpoint", type=Path, required=True, help="run folder or exported .onnx file")
     add("-o", "--output", type=Path, required=True, help="out.png, out.mp4, or a folder of PNGs")
-    add("--light", action="append", help="NAME[,R,G,B] or X:Y:Z[,R,G,B]; may be repeated (default: right)")
+    add("--light", action="append", help=f"{LIGHT_FORMS}; may be repeated (default: right)")
+    add("--environment", type=Path, help="lat-long picture of the sky (.exr, .png) that lights the smoke")
+    add("--smoke-colour", default="1,1,1", help="linear R,G,B of the smoke itself (default: white)")
+    add("--absorption", type=float, metavar="S", help="dye by absorption of strength 0 to 1 instead of multiplying")
     add("--turn-lights", default="0", help="A or A:B: degrees around the camera's up axis")
     add("--camera-yaw", default="0", help="A or A:B in degrees; A:B makes a sequence")
     add("--camera-pitch", default="0", help="A or A:B in degrees")
@@ -119,7 +124,8 @@ def _run(options: argparse.Namespace) -> int:
     baker = LightmapBaker(predictor, extinction_per_m=extinction, device=options.device)
     numbers = list(range(shot.num_pictures))
     if suffix == "":
-        files = [(stat.st_size, stat.st_mtime_ns) for stat in (path.stat() for path in volumes)]
+        inputs = [*volumes, *([options.environment] if options.environment else [])]
+        files = [(stat.st_size, stat.st_mtime_ns) for stat in (path.stat() for path in inputs)]
         made_by = content_hash([repr(asdict(shot)), files, extinction, repr(card)])
         _write_folder(options.output, shot, baker, made_by=made_by)
     else:
@@ -159,24 +165,25 @@ def _shot(options: argparse.Namespace, sequence: VolumeSequence, width: int, hei
         yaw_deg=yaw,
         pitch_deg=pitch,
         light_turn_deg=turn,
-        lights=tuple(DirectionalLight.parse(text) for text in options.light or ["right"]),
+        lights=tuple(parse_light(text, sequence.grid) for text in options.light or ["right"]),
         rule=options.blend,
         exposure=exposure,
-        background=_rgb(options.background),
+        background=parse_rgb(options.background, name="--background"),
         width_px=width,
         height_px=height,
         margin=options.margin,
+        colour=_smoke_colour(options),
+        environment=read_environment(options.environment) if options.environment else None,
     )
 
 
-def _rgb(text: str) -> tuple[float, float, float]:
-    try:
-        red, green, blue = (float(value) for value in text.split(","))
-    except ValueError as error:
-        raise ValueError(f"--background {text!r} is not R,G,B") from error
-    if not all(0.0 <= value < float("inf") for value in (red, green, blue)):
-        raise ValueError(f"--background {text!r} must be finite and not negative")
-    return (red, green, blue)
+def _smoke_colour(options: argparse.Namespace) -> SmokeColour:
+    rgb = parse_rgb(options.smoke_colour, name="--smoke-colour")
+    if options.absorption is None:
+        return SmokeColour(rgb=rgb)
+    if not 0.0 <= options.absorption <= 1.0:
+        raise ValueError(f"--absorption {options.absorption} must lie in [0, 1]")
+    return SmokeColour(rgb=rgb, mode="absorption", strength=options.absorption)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,9 @@
 
 import os
 
+import numpy as np
+from jaxtyping import Float
+
 from sixway.core.config import parse_config
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium, SixWayLightmap
@@ -28,4 +31,11 @@ class LightmapBaker:
 
     def bake(self, frame: DensityFrame, camera: Camera, *, seed: int) -> SixWayLightmap:
         """Six maps and alpha of one frame as `camera` sees it, linear, M = pi L / E."""
-        return predict(self._predictor, self._marcher.march(frame, camera, seed=seed))
+        return self.bake_with_depth(frame, camera, seed=seed)[0]
+
+    def bake_with_depth(
+        self, frame: DensityFrame, camera: Camera, *, seed: int
+    ) -> tuple[SixWayLightmap, Float[np.ndarray, "h w"]]:
+        """The lightmap, and the guide's metres along each ray to the first smoke, infinite where there is none."""
+        guide = self._marcher.march(frame, camera, seed=seed)
+        return predict(self._predictor, guide), guide.depth_m

@@ -8,8 +8,13 @@ from jaxtyping import Float
 
 from sixway.core.frames import Camera
 from sixway.inference.bake import LightmapBaker
-from sixway.shading.compose import BlendRule, over, shade
-from sixway.shading.light import DirectionalLight
+from sixway.shading.ambient import Ambient
+from sixway.shading.blend import BlendRule
+from sixway.shading.colour import WHITE, SmokeColour
+from sixway.shading.compose import over, shade
+from sixway.shading.light import Light
+from sixway.shading.surface import SmokeSurface
+from sixway.shading.turn import turned
 from sixway.volumes.sequence import VolumeSequence
 
 
@@ -43,20 +48,25 @@ class Path1D:
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """What to render. sequence: one volume, or one a picture. exposure: factor on the shaded light."""
+    """What to render. sequence: one volume, or one a picture. exposure: factor on the shaded light.
+
+    environment: lat-long picture of the sky around, linear, or None; it lights the smoke and is not seen.
+    """
 
     sequence: VolumeSequence
     num_pictures: int
     yaw_deg: Path1D
     pitch_deg: Path1D
     light_turn_deg: Path1D
-    lights: tuple[DirectionalLight, ...]
+    lights: tuple[Light, ...]
     rule: BlendRule
     exposure: float
     background: tuple[float, float, float]
     width_px: int
     height_px: int
     margin: float
+    colour: SmokeColour = WHITE
+    environment: Float[np.ndarray, "h w 3"] | None = None
 
 
 def render(shot: Shot, baker: LightmapBaker, numbers: list[int]) -> Iterator[tuple[int, Float[np.ndarray, "h w 3"]]]:
@@ -68,10 +78,18 @@ def render(shot: Shot, baker: LightmapBaker, numbers: list[int]) -> Iterator[tup
         if frame is None or held != min(number, last):
             held = min(number, last)
             frame = shot.sequence.read(held)
-        lightmap = baker.bake(frame, camera_of(shot, number), seed=0)
+        camera = camera_of(shot, number)
+        lightmap, depth_m = baker.bake_with_depth(frame, camera, seed=0)
         turn = shot.light_turn_deg.at(number, shot.num_pictures)
-        lights = [light.turned(turn) for light in shot.lights]
-        smoke = shot.exposure * shade(lightmap, lights, rule=shot.rule)
+        sky = shot.environment
+        smoke = shot.exposure * shade(
+            lightmap,
+            [turned(light, turn, camera) for light in shot.lights],
+            rule=shot.rule,
+            surface=SmokeSurface.from_depth(camera, depth_m),
+            ambient=None if sky is None else Ambient.from_environment(sky, camera.basis, rule=shot.rule),
+            colour=shot.colour,
+        )
         yield number, over(smoke, lightmap["alpha"], background)
 
 

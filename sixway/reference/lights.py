@@ -1,4 +1,4 @@
-"""Lights and solids around the smoke, for pictures under any light: records that check themselves."""
+"""Lights around the smoke, for pictures under any light: records that check themselves."""
 
 import math
 from dataclasses import dataclass
@@ -82,49 +82,6 @@ class ConstantEnvironment:
 Light = DirectionalLight | PointLight | SpotLight | ConstantEnvironment
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sphere:
-    """A black ball in the world."""
-
-    centre_m: Vector
-    radius_m: float
-
-    def __post_init__(self) -> None:
-        _check_finite("centre_m", self.centre_m)
-        _check_size("radius_m", self.radius_m)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cylinder:
-    """A black cylinder with closed ends between two world points on its axis."""
-
-    start_m: Vector
-    end_m: Vector
-    radius_m: float
-
-    def __post_init__(self) -> None:
-        _check_finite("start_m", self.start_m)
-        _check_finite("end_m", self.end_m)
-        _check_size("length_m", math.dist(self.start_m, self.end_m))
-        _check_size("radius_m", self.radius_m)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Box:
-    """A black box, its edges along the world's axes. size_m: edges along x, y, z."""
-
-    centre_m: Vector
-    size_m: Vector
-
-    def __post_init__(self) -> None:
-        _check_finite("centre_m", self.centre_m)
-        for edge in self.size_m:
-            _check_size("size_m", edge)
-
-
-Obstacle = Sphere | Cylinder | Box
-
-
 def sun_disc(to_light: Vector, angle_deg: float) -> list[Vector]:
     """Unit vectors spread evenly over a disc of that angular diameter about a unit vector; the vector alone for 0.
 
@@ -155,11 +112,6 @@ def _check_unit(name: str, vector: Vector) -> None:
     length = float(np.linalg.norm(vector))
     if abs(length - 1.0) > 1e-4:
         raise ValueError(f"{name} {vector} has length {length:g}; it must be a unit vector")
-
-
-def _check_size(name: str, size_m: float) -> None:
-    if not (math.isfinite(size_m) and size_m > 0.0):
-        raise ValueError(f"{name} {size_m} m must be positive and finite")
 
 
 def _check_colour(name: str, colour: Colour) -> None:

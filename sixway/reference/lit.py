@@ -11,7 +11,8 @@ from jaxtyping import Float
 from sixway.core.conventions import Bounces
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium
-from sixway.reference.lights import ConstantEnvironment, DirectionalLight, Light, Obstacle, PointLight, SpotLight
+from sixway.core.solids import Obstacle
+from sixway.reference.lights import ConstantEnvironment, DirectionalLight, Light, PointLight, SpotLight
 from sixway.reference.variant import Device, use_variant
 
 

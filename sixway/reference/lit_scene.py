@@ -6,15 +6,12 @@ import mitsuba as mi
 import numpy as np
 
 from sixway.core.frames import Camera
+from sixway.core.solids import Box, Cylinder, Obstacle, Sphere
 from sixway.reference.lights import (
-    Box,
     ConstantEnvironment,
-    Cylinder,
     DirectionalLight,
     Light,
-    Obstacle,
     PointLight,
-    Sphere,
     SpotLight,
     sun_disc,
 )

@@ -1,63 +1,72 @@
 """Six maps and some lights to a picture (Eq. 5), and the picture over a background (Eq. 4)."""
 
+import math
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from sixway.core.conventions import DIRECTIONS, TO_LIGHT
-from sixway.core.frames import Vector
 from sixway.core.records import SixWayLightmap
+from sixway.shading.ambient import Ambient
+from sixway.shading.blend import BlendRule, blend_weights
+from sixway.shading.colour import WHITE, SmokeColour, coloured
 from sixway.shading.fire import ArtistRamp, BlackBodyRamp, fire_colour
-from sixway.shading.light import DirectionalLight
-
-BlendRule = Literal["squared", "paper_abs", "abs_normalised", "smoothstep"]
+from sixway.shading.light import DirectionalLight, Light
+from sixway.shading.near import arriving
+from sixway.shading.surface import SmokeSurface
 
 _FIRE = BlackBodyRamp()
 
 
-def blend_weights(to_light: Vector, rule: BlendRule) -> dict[str, float]:
-    """Weight of each of the six maps for a unit `to_light` in the camera frame; at most three are not 0.
-
-    squared: w^2, sums to 1 (Unity HDRP and URP). paper_abs: |w| as Eq. 5 prints it, sums to 1.73 on a
-    diagonal. abs_normalised: |w| / sum (Godot). smoothstep: 3 w^2 - 2 |w|^3, sums to 1.85 on a diagonal
-    (EmberGen shaders).
-    """
-    parts = {name: max(0.0, float(np.dot(to_light, axis))) for name, axis in TO_LIGHT.items()}
-    match rule:
-        case "squared":
-            return {name: part * part for name, part in parts.items()}
-        case "paper_abs":
-            return parts
-        case "abs_normalised":
-            total = sum(parts.values())
-            return {name: part / total for name, part in parts.items()}
-        case "smoothstep":
-            return {name: part * part * (3.0 - 2.0 * part) for name, part in parts.items()}
-
-
 def shade(
     lightmap: SixWayLightmap,
-    lights: Sequence[DirectionalLight],
+    lights: Sequence[Light],
     *,
     rule: BlendRule = "squared",
+    surface: SmokeSurface | None = None,
+    visible: Sequence[Float[np.ndarray, "h w"]] | None = None,
+    ambient: Ambient | None = None,
+    colour: SmokeColour = WHITE,
     fire: BlackBodyRamp | ArtistRamp = _FIRE,
+    emissive_map: Float[np.ndarray, "h w 3"] | None = None,
 ) -> Float[np.ndarray, "h w 3"]:
     """Linear RGB of the smoke on black (alpha-premultiplied), float32.
 
-    Each light adds colour * sum_i w_i M_i; an emissive channel adds its light
-    in the colours of the ramp `fire`.
+    Each light adds its colour * sum_i w_i M_i, dyed by `colour`; lamps, which stand in the world, take direction and
+    distance from `surface`. visible: one [h, w] picture in [0, 1] for each light, what obstacles leave of it.
+    Fire adds its light: the emissive channel in the colours of the ramp `fire`, or `emissive_map`, linear RGB, in
+    its place. Raises ValueError for lamps without a surface and for pictures that do not match.
     """
-    per_direction = np.zeros((len(DIRECTIONS), 3), np.float32)
-    for light in lights:
-        weights = blend_weights(light.to_light, rule)
-        for i, name in enumerate(DIRECTIONS):
-            per_direction[i] += weights[name] * np.array(light.colour, np.float32)
-    image = lightmap.maps @ per_direction
-    if "emissive" in lightmap.channels:
-        image = image + fire_colour(lightmap["emissive"], fire)
-    return image.astype(np.float32)
+    maps, alpha = lightmap.maps, lightmap["alpha"]
+    if visible is not None and len(visible) != len(lights):
+        raise ValueError(f"{len(visible)} pictures of visibility for {len(lights)} lights; give one for each")
+    image = np.zeros((*alpha.shape, 3), np.float32)
+    for number, light in enumerate(lights):
+        to_light, shown = _arriving(light, surface)
+        weights = blend_weights(to_light, rule).astype(np.float32)
+        arrived = maps @ weights if weights.ndim == 1 else np.einsum("hwi,hwi->hw", maps, weights)
+        lit = coloured(arrived, alpha, colour) * shown.astype(np.float32)
+        image += lit if visible is None else visible[number].astype(np.float32)[..., None] * lit
+    if ambient is not None:
+        for number, sky in enumerate(ambient.per_direction):
+            image += coloured(maps[..., number], alpha, colour) * sky.astype(np.float32)
+    if emissive_map is not None:
+        image += emissive_map
+    elif "emissive" in lightmap.channels:
+        image += fire_colour(lightmap["emissive"], fire)
+    return image
+
+
+def _arriving(
+    light: Light, surface: SmokeSurface | None
+) -> tuple[Float[np.ndarray, "*n 3"], Float[np.ndarray, "*n 3"]]:
+    """Unit vectors towards the light, camera frame, and what a white Lambertian facing it shows, RGB."""
+    if isinstance(light, DirectionalLight):
+        return np.array(light.to_light), np.array(light.colour)
+    if surface is None:
+        raise ValueError(f"{type(light).__name__} stands in the world: give `surface`, from the guide's depth")
+    to_light, irradiance = arriving(light, surface.points_m)
+    return to_light @ surface.camera.basis.T, irradiance / math.pi
 
 
 def over(

@@ -88,6 +88,52 @@ def test_lights_add_and_colour(run: Callable, trained_run: Path, ball: Path, tmp
     assert both[..., 1].max() == 0.0 and red[..., 2].max() == 0.0 and both[..., 2].max() > 50.0
 
 
+def test_lamps_light_the_side_they_stand_on_and_fade(
+    run: Callable, trained_run: Path, ball: Path, tmp_path: Path
+) -> None:
+    common = (ball, "--checkpoint", trained_run, *SMALL, "--background", "0,0,0")
+    lights = {
+        "near": ("point@1.2:0:0.3",),
+        "far": ("point@2.4:0:0.6",),
+        "aimed away": ("spot@2:0:0@3:0:0",),
+        "panel": ("rectangle@-2:0:0@0:0:0,3,3,3,size=2x2",),
+        "line": ("line@-1:-1.5:0@1:-1.5:0",),
+    }
+    lit = {}
+    for name, texts in lights.items():
+        path = tmp_path / f"{name}.png"
+        arguments = [part for text in texts for part in ("--light", text)]
+        assert run("relight", *common, *arguments, "-o", path).status == 0
+        lit[name] = read(path)
+    left, right = halves(lit["near"])
+    assert right > 1.1 * left
+    assert lit["far"].mean() < 0.8 * lit["near"].mean()
+    assert lit["aimed away"].max() == 0.0
+    left, right = halves(lit["panel"])
+    assert left > 1.1 * right
+    upper, lower = halves(np.swapaxes(lit["line"], 0, 1))
+    assert lower > 1.1 * upper
+
+
+def test_a_sky_and_a_colour(run: Callable, trained_run: Path, ball: Path, tmp_path: Path) -> None:
+    """Blue from above, dim from all around; the smoke's own colour takes the blue away again."""
+    sky = np.full((16, 32, 3), 0.1, np.float32)
+    sky[:6, :, 2] = 2.0
+    relight.write_png(tmp_path / "sky.png", sky)
+    common = (ball, "--checkpoint", trained_run, *SMALL, "--background", "0,0,0", "--light", "top,0,0,0")
+    sky_option = ("--environment", tmp_path / "sky.png")
+    assert run("relight", *common, *sky_option, "-o", tmp_path / "sky_lit.png").status == 0
+    lit = read(tmp_path / "sky_lit.png")
+    assert lit[..., 2].mean() > 1.5 * lit[..., 0].mean() > 0.0
+    upper, lower = halves(np.swapaxes(lit[..., 2], 0, 1))
+    assert upper > lower
+    for extra in ((), ("--absorption", "0.5")):
+        dyed = (*common, *sky_option, "--smoke-colour", "1,1,0.2", *extra)
+        assert run("relight", *dyed, "-o", tmp_path / "dyed.png").status == 0
+        assert read(tmp_path / "dyed.png")[..., 2].mean() < 0.8 * lit[..., 2].mean()
+        assert (extra != ()) or np.abs(read(tmp_path / "dyed.png")[..., 0] - lit[..., 0]).max() <= 1.0
+
+
 def test_run_folder_and_onnx_file_paint_the_same(
     run: Callable, trained_run: Path, onnx_file: Path, tmp_path: Path
 ) -> None:
@@ -260,6 +306,11 @@ BAD: dict[str, tuple[list[str], str]] = {
     "light that is no name": (["--light", "rihgt"], r"light 'rihgt' is not NAME.*names: right, left, top"),
     "light of zero length": (["--light", "0:0:0"], "points nowhere"),
     "light with two colours": (["--light", "right,1,1"], "is not NAME"),
+    "light of no kind": (["--light", "torch@0:0:0"], "no kind of light is called 'torch'; known: point"),
+    "lamp without a place": (["--light", "spot@0:0:1"], r"a spot takes 2 point\(s\)"),
+    "sky that is not there": (["--environment", "sky.exr"], r"sky\.exr: there is no such picture"),
+    "smoke colour of two": (["--smoke-colour", "1,1"], "--smoke-colour '1,1' is not R,G,B"),
+    "absorption beyond 1": (["--absorption", "2"], r"--absorption 2.0 must lie in \[0, 1\]"),
     "negative light": (["--light", "right,1,-1,1"], "must be finite and not negative"),
     "size of zero": (["--size", "0"], "size '0' is not N or WxH"),
     "size of three": (["--size", "1x2x3"], "size '1x2x3' is not N or WxH"),

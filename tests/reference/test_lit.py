@@ -7,17 +7,9 @@ import pytest
 
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium
+from sixway.core.solids import Box, Cylinder, Obstacle, Sphere
 from sixway.reference.lightmaps import trace_lightmaps
-from sixway.reference.lights import (
-    Box,
-    ConstantEnvironment,
-    Cylinder,
-    DirectionalLight,
-    Obstacle,
-    PointLight,
-    Sphere,
-    SpotLight,
-)
+from sixway.reference.lights import ConstantEnvironment, DirectionalLight, PointLight, SpotLight
 from sixway.reference.lit import trace_lit
 
 SMOKE = Medium(extinction_per_m=8.0)

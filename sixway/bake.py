@@ -18,12 +18,13 @@ from sixway.core.png import write_8bit_png
 from sixway.core.progress import track
 from sixway.core.records import Medium
 from sixway.core.store import claim_folder, content_hash, provenance
+from sixway.guide.motion import project_motion
 from sixway.reference.lightmaps import LightmapTracer, ReferenceConfig
 from sixway.shading.sheet import lightmap_sheet
 from sixway.volumes.extinction import DEFAULT_OPTICAL_DEPTH
 from sixway.volumes.fire import EmissionRule
 from sixway.volumes.read import find_volumes
-from sixway.volumes.sequence import open_sequence, slice_frames
+from sixway.volumes.sequence import VolumeSequence, open_sequence, slice_frames
 
 SHEET = "contact_sheet.png"
 _SHEET_FRAMES = 4
@@ -60,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--emission-threshold", type=float, help="where glow begins (default: 0; of temperatures 798 K or 1.5)")
     add("--emission-scale", type=float, help="radiance [1/m] of fire of value 1 (default: 2 through thick columns)")
     add("--self-lit", action="store_true", help="another layer: smoke in the light of its own fire")
+    add("--motion", action="store_true", help="layers flow_right, flow_down [px a frame], from the wind of the volumes")
     add("--camera-yaw", type=float, default=0.0, help="degrees (default: 0)")
     add("--camera-pitch", type=float, default=0.0, help="degrees (default: 0)")
     add("--projection", choices=("perspective", "orthographic"), default="perspective")
@@ -100,13 +102,14 @@ def _run(options: argparse.Namespace) -> int:
     )
     if options.self_lit and sequence.emission is None:
         raise ValueError("--self-lit: these volumes hold no fire; name the grid that burns with --emission")
+    frame_s = _frame_s(sequence) if options.motion else None
     if options.dry_run:
         print(f"dry run: nothing was written to {options.out}")
         return 0
     stamps = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in volumes]
     files = [options.out / f"frame_{number:04d}.exr" for number in range(len(volumes))]
     shaped_by = (stamps, config, medium, camera, options.seed, options.up, options.grid, sequence.emission)
-    made_by = content_hash([repr(x) for x in (*shaped_by, options.self_lit)])
+    made_by = content_hash([repr(x) for x in (*shaped_by, options.self_lit, *([frame_s] if options.motion else []))])
     missing = claim_folder(options.out, files, record="bake.json", made_by=made_by, pattern="frame_[0-9]*.exr")
     tracer = LightmapTracer(config, medium, device=options.device)
     for file in track(missing, total=len(files), label="bake", start=len(files) - len(missing)):
@@ -120,9 +123,13 @@ def _run(options: argparse.Namespace) -> int:
 
             glow = trace_self_lit(frame, camera, medium, bounces=options.bounces, seed=options.seed)
             image, channels = np.concatenate([image, glow[..., None]], axis=-1), (*channels, "self_lit")
+        if frame_s is not None:
+            flow = project_motion(frame, camera, medium, frame_s=frame_s, device=_warp_device(options.device))
+            image, channels = np.concatenate([image, flow], axis=-1), (*channels, "flow_right", "flow_down")
         about = {
             "sixway/volume": volumes[number].name,
-            "sixway/units": "M = pi L / E, linear, premultiplied; alpha = 1 - T; emissive, self_lit: radiance",
+            "sixway/units": "M = pi L / E, linear, premultiplied; alpha = 1 - T; emissive, self_lit: radiance; "
+            "flow: px until the next frame",
             "sixway/extinction_per_m": extinction,
             "sixway/bounces": options.bounces,
             "sixway/commit": provenance()["commit"],
@@ -133,6 +140,24 @@ def _run(options: argparse.Namespace) -> int:
     _write_sheet(options.out / SHEET, files, volumes, channels)
     print(f"baked: {options.out}")
     return 0
+
+
+def _frame_s(sequence: VolumeSequence) -> float:
+    """Seconds from a frame to the next. Raises ValueError where volumes do not tell."""
+    if len(sequence.paths) < 2:
+        raise ValueError("--motion: one volume does not tell how long a frame lasts; give two or more of a sequence")
+    first, second = sequence.read(0), sequence.read(1)
+    seconds = second.time_s - first.time_s
+    if first.velocity_m_s is None or not seconds > 0.0:
+        raise ValueError(
+            f"--motion: {sequence.paths[0]} holds no wind, or its time is not before that of {sequence.paths[1].name}; "
+            "simulate to .npz, or let python -m sixway.pack --motion estimate do without"
+        )
+    return seconds
+
+
+def _warp_device(device: str) -> str:
+    return device if device != "auto" else "cuda" if wp.is_cuda_available() else "cpu"
 
 
 def _emission(options: argparse.Namespace) -> EmissionRule | None:

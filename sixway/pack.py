@@ -2,13 +2,15 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
+from jaxtyping import Float
 
+from sixway.core.color import encode_srgb
 from sixway.core.command import status_of
 from sixway.core.config import load_config
 from sixway.core.conventions import DIRECTIONS
@@ -16,7 +18,8 @@ from sixway.core.exr import read_exr
 from sixway.core.progress import track
 from sixway.engines.book import BookStyle, book_files, sidecar_path, write_book
 from sixway.engines.flipbook import Plan, decimate, every_frame, loop, parse_grid, retime
-from sixway.engines.frames import find_frames, held_channels, slice_of
+from sixway.engines.frames import find_frames, held_channels, layers_of, slice_of
+from sixway.engines.motion import FLOW_CHANNELS, MotionVectors, Upwards, motion_vectors, with_motion
 from sixway.engines.packing import PACKINGS, AlphaMode, Packing, PackingConfig, packing_from_config, parse_packing
 from sixway.engines.texture import TEXTURE_FORMATS
 
@@ -59,6 +62,13 @@ def _parser() -> argparse.ArgumentParser:
         default=24.0,
         help="frames a second of the bake (default: 24); the sidecar keeps its length",
     )
+    add(
+        "--motion",
+        choices=("layers", "estimate"),
+        help="add motion vectors, texture MV unless the packing has them: from the layers flow_right and flow_down of "
+        "the frames (python -m sixway.bake --motion), or estimated from the pictures",
+    )
+    add("--motion-y", choices=get_args(Upwards), default="up", help="+y of the vectors: up for Unity, else down")
     add("--fix-borders", type=int, default=0, metavar="PX", help="fade tiles to 0 over their outer PX pixels")
     add("--alpha", choices=get_args(AlphaMode), default="premultiplied", help="straight divides the maps by alpha")
     add("--brightness", default="1", help="factor of the stored maps, or auto: brightest value 1 (default: 1)")
@@ -69,6 +79,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     packing = _packing(options.packing)
+    if options.motion:
+        packing = with_motion(packing)
     files = slice_of(find_frames(options.source), options.frames)
     channels = held_channels(files[0])
     shape = read_exr(files[0], channels).shape[:2]
@@ -101,6 +113,7 @@ def _run(options: argparse.Namespace) -> int:
             print(f"would write {file}")
         print(f"would write {sidecar_path(options.out)}\ndry run: nothing was written")
         return 0
+    motion = _motion(options, files, channels, shape, plan, span=options.fps / fps) if options.motion else None
     written = write_book(
         options.out,
         style,
@@ -108,8 +121,11 @@ def _run(options: argparse.Namespace) -> int:
         channels=channels,
         shape_px=shape,
         read=read,
+        motion=motion,
         progress=lambda numbers: track(numbers, total=len(plan), label="pack"),
     )
+    if motion:
+        print(f"motion: scale {motion.scale:.4g} of a tile a frame, +y is {motion.y}; both are in the sidecar")
     if written.clipped > 0.0:
         print(f"warning: {100 * written.clipped:.2g} % of the map values were clipped at 1; try --brightness auto")
     print("packed: " + ", ".join(str(file) for file in written.files[:4]) + (" ..." if len(written.files) > 4 else ""))
@@ -136,6 +152,51 @@ def _plan(options: argparse.Namespace, frames: int) -> tuple[Plan, float]:
         fps *= options.retime / len(plan)
         plan = retime(plan, options.retime, closed=options.loop is not None)
     return plan, fps
+
+
+def _motion(
+    options: argparse.Namespace,
+    files: list[Path],
+    channels: tuple[str, ...],
+    shape: tuple[int, int],
+    plan: Plan,
+    *,
+    span: float,
+) -> MotionVectors:
+    if options.motion == "layers":
+        lacking = [file for file in files if not set(FLOW_CHANNELS) <= layers_of(file)]
+        if lacking:
+            raise ValueError(
+                f"{lacking[0]}: has no layers {' and '.join(FLOW_CHANNELS)}; bake with --motion, or use estimate"
+            )
+        flows = np.stack([read_exr(file, FLOW_CHANNELS, shape) for file in files])
+    else:
+        flows = estimated_flows(len(files), lambda number: _read(files, channels, shape, number), channels)
+    alphas = np.stack([read_exr(file, ("alpha",), shape)[..., 0] for file in files])
+    return motion_vectors(plan, flows, alphas, span=span, y=options.motion_y)
+
+
+def estimated_flows(
+    frames: int, read: Callable[[int], Float[np.ndarray, "h w c"]], channels: tuple[str, ...]
+) -> Float[np.ndarray, "n h w 2"]:
+    """Flow of each frame until the next by Lucas-Kanade on maps and alpha [px; right, down]; the last repeats."""
+    # imported here: torch takes seconds to load, and nothing else in this command needs it
+    import torch
+
+    from sixway.models.flow_lucas_kanade import LucasKanade
+
+    estimator = LucasKanade()
+    index = [channels.index(name) for name in (*DIRECTIONS, "alpha") if name in channels]
+
+    def picture(number: int) -> torch.Tensor:
+        image = encode_srgb(read(number)[..., index])
+        return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)[None]))
+
+    flows = []
+    with torch.no_grad():
+        for number in track(range(frames - 1), total=frames - 1, label="motion"):
+            flows.append(estimator(picture(number), picture(number + 1))[0].permute(1, 2, 0).numpy())
+    return np.stack([*flows, flows[-1]] if flows else [np.zeros((*read(0).shape[:2], 2), np.float32)])
 
 
 def _brightness(

@@ -12,8 +12,17 @@ from sixway.core.conventions import DIRECTIONS
 from sixway.core.store import inside, sha256_file
 from sixway.engines.alpha import to_premultiplied, to_straight
 from sixway.engines.flipbook import Plan, TileGrid, border_ramp, place, shown_frame, split
+from sixway.engines.motion import FLOW_CHANNELS, MOTION_CHANNELS, MotionVectors, decoded
 from sixway.engines.packing import AlphaMode, Packing, pack, unpack
-from sixway.engines.sidecar import FileEntry, GridEntry, Sidecar, read_sidecar, texture_entry, write_sidecar
+from sixway.engines.sidecar import (
+    FileEntry,
+    GridEntry,
+    MotionEntry,
+    Sidecar,
+    read_sidecar,
+    texture_entry,
+    write_sidecar,
+)
 from sixway.engines.texture import LARGEST_PIXELS, TextureFormat, is_float, read_texture, suffix_of, write_texture
 
 Layout = Literal["grid", "array"]
@@ -75,14 +84,18 @@ def write_book(
     channels: tuple[str, ...],
     shape_px: tuple[int, int],
     read: Callable[[int], Float[np.ndarray, "h w c"]],
+    motion: MotionVectors | None = None,
     progress: Callable[[Iterable[int]], Iterable[int]] = lambda numbers: numbers,
 ) -> WrittenBook:
     """Put the frames of `plan` together and write every file of the book; the sidecar comes last.
 
-    channels, shape_px (height, width): of what `read` returns, premultiplied and linear. Raises ValueError for
-    frames that do not fit the grid, the packing or the format, and OSError when the disk is full.
+    channels, shape_px (height, width): of what `read` returns, premultiplied and linear. motion: of the frames of
+    `plan`. Raises ValueError for frames that do not fit the grid, the packing or the format, and OSError when the disk
+    is full.
     """
     height, width = shape_px
+    if motion and motion.coded.shape != (len(plan), height, width, 2):
+        raise ValueError(f"motion vectors {motion.coded.shape} do not fit {len(plan)} frames of {width} x {height} px")
     grid = style.grid
     if grid and len(plan) > grid.tiles:
         raise ValueError(
@@ -102,7 +115,11 @@ def write_book(
         image = _styled(shown_frame(plan, number, read), channels, style, ramp)
         maps = image[..., [channels.index(name) for name in DIRECTIONS if name in channels]]
         above, values = above + int(np.count_nonzero(maps > 1.0)), values + maps.size
-        for book, picture in zip(books, pack(image, channels, style.packing), strict=True):
+        held = channels
+        if motion:
+            image = np.concatenate([image, motion.coded[number].astype(np.float32)], axis=-1)
+            held = (*channels, *MOTION_CHANNELS)
+        for book, picture in zip(books, pack(image, held, style.packing), strict=True):
             if grid:
                 place(book[0], picture, number, grid)
             else:
@@ -127,6 +144,7 @@ def write_book(
         brightness=style.brightness,
         emissive_brightness=style.emissive_brightness,
         border_px=style.border_px,
+        motion=MotionEntry(scale=motion.scale, y=motion.y) if motion else None,
         textures=[texture_entry(texture) for texture in style.packing.textures],
         files=entries,
     )
@@ -153,7 +171,10 @@ def _scaled(image: np.ndarray, channels: tuple[str, ...], *, maps: float, emissi
 
 @dataclass(frozen=True, kw_only=True)
 class Book:
-    """Frames read back. frames: [n, h, w, c] float32, linear and premultiplied, channels by name."""
+    """Frames read back. frames: [n, h, w, c] float32, linear and premultiplied, channels by name.
+
+    Motion vectors come as `FLOW_CHANNELS`, px a shown frame.
+    """
 
     frames: Float[np.ndarray, "n h w c"]
     channels: tuple[str, ...]
@@ -195,6 +216,11 @@ def read_book(path: Path, *, accept_edited: bool = False) -> Book:
     frames = _scaled(frames, channels, maps=1.0 / sidecar.brightness, emissive=1.0 / sidecar.emissive_brightness)
     if sidecar.alpha == "straight":
         frames = np.stack([to_premultiplied(frame, channels) for frame in frames])
+    if sidecar.motion:
+        index = [channels.index(name) for name in MOTION_CHANNELS]
+        frames[..., index] = decoded(frames[..., index], scale=sidecar.motion.scale, y=sidecar.motion.y)
+        flow = dict(zip(MOTION_CHANNELS, FLOW_CHANNELS, strict=True))
+        channels = tuple(flow.get(name, name) for name in channels)
     return Book(frames=frames, channels=channels, sidecar=sidecar)
 
 

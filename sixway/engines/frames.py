@@ -42,17 +42,22 @@ def slice_of(frames: list[Path], text: str | None) -> list[Path]:
     return chosen
 
 
+def layers_of(path: Path) -> set[str]:
+    """Names of all layers of a frame. Raises ValueError for what is no EXR file."""
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            return {channel.name.removesuffix(".V") for channel in file.parts[0].header["channels"]}
+    except Exception as error:  # OpenEXR raises bare RuntimeError and others on junk
+        raise ValueError(f"{path}: not a readable EXR file ({error}); bake it again") from error
+
+
 def held_channels(path: Path) -> tuple[str, ...]:
     """The channels of a frame that packings know, in the order of `CARRIED`.
 
     Raises ValueError where it is no six-way frame.
     """
-    try:
-        with OpenEXR.File(str(path), header_only=True) as file:
-            names = {channel.name for channel in file.parts[0].header["channels"]}
-    except Exception as error:  # OpenEXR raises bare RuntimeError and others on junk
-        raise ValueError(f"{path}: not a readable EXR file ({error}); bake it again") from error
-    held = tuple(name for name in CARRIED if f"{name}.V" in names)
+    names = layers_of(path)
+    held = tuple(name for name in CARRIED if name in names)
     if not set(held) & set(DIRECTIONS):
         raise ValueError(f"{path}: holds {sorted(names)}, none of the six maps; give frames of python -m sixway.bake")
     return held

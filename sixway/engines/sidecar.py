@@ -8,6 +8,7 @@ from pydantic import Field
 from sixway.core.config import Config, parse_config
 from sixway.core.store import inside, read_json, write_json
 from sixway.engines.flipbook import TileGrid
+from sixway.engines.motion import MOTION_CHANNELS, Upwards
 from sixway.engines.packing import AlphaMode, Packing, Texture, Transfer
 
 _LARGEST_BYTES = 1 << 20
@@ -19,6 +20,12 @@ UNITS = (
 ALPHA_MEANING = "alpha = 1 - transmittance, stored linear in every file; premultiplied maps are light on black"
 TRANSFER_MEANING = (
     "files of whole numbers store R, G, B with the curve named here and A always linear; EXR and RGBA16F are linear"
+)
+
+MOTION_MEANING = (
+    "stored = 0.5 + 0.5 v / scale, linear, 0.5 is no motion; v is the motion until the next shown frame, x in tile "
+    "widths to the right, y in tile heights the way it says. Show frame A at uv - t v_A and the next, B, at "
+    "uv + (1 - t) v_B, mixed 1 - t to t"
 )
 
 
@@ -46,10 +53,19 @@ class GridEntry(Config):
     rows: int = Field(ge=1, le=256)
 
 
+class MotionEntry(Config):
+    """Motion vectors. scale: tile widths and heights a shown frame that a stored 1 stands for. y: where + points."""
+
+    scale: float = Field(gt=0.0, le=1e6)
+    y: Upwards
+    meaning: str = MOTION_MEANING
+
+
 class Sidecar(Config):
     """What a flipbook holds. grid is None for an array of slices. tile_px: (width, height).
 
-    Stored maps are `brightness` times M, stored emissive `emissive_brightness` times the emission integral.
+    Stored maps are `brightness` times M, stored emissive `emissive_brightness` times the emission integral. motion is
+    None where there are no vectors, even if the packing has a place for them.
     """
 
     format: Literal["sixway-flipbook"] = "sixway-flipbook"
@@ -65,6 +81,7 @@ class Sidecar(Config):
     brightness: float = Field(gt=0.0, le=1e6)
     emissive_brightness: float = Field(gt=0.0, le=1e6)
     border_px: int = Field(default=0, ge=0)
+    motion: MotionEntry | None = None
     textures: list[TextureEntry] = Field(min_length=1, max_length=16)
     files: list[FileEntry] = Field(min_length=1, max_length=65536)
     units: str = UNITS
@@ -124,6 +141,9 @@ def read_sidecar(path: Path) -> Sidecar:
         raise ValueError(f"{path}: a grid belongs to layout 'grid' and to no other")
     if sidecar.tile_grid and sidecar.frames > sidecar.tile_grid.tiles:
         raise ValueError(f"{path}: {sidecar.frames} frames do not fit the grid of {sidecar.tile_grid.tiles} tiles")
+    held = {name for texture in sidecar.textures for name in texture.channels}
+    if sidecar.motion and not set(MOTION_CHANNELS) <= held:
+        raise ValueError(f"{path}: tells of motion, but no texture holds {' and '.join(MOTION_CHANNELS)}; remove it")
     if min(sidecar.tile_px) < 1:
         raise ValueError(f"{path}: tile_px {sidecar.tile_px} must be positive")
     return sidecar

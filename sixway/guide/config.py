@@ -21,7 +21,7 @@ LIGHT_SETS: dict[str, tuple[Direction, ...]] = {
 _MARCH_ONLY = {"steps_per_edge": 40, "weight": "exact"}
 """Options that only `lighting: march` reads, with their defaults."""
 
-_SWEEP_ONLY = {"light_grid": 64, "light_samples": 12, "scatter_iterations": 0}
+_SWEEP_ONLY = {"light_grid": 64, "light_samples": 12, "scatter_iterations": 0, "scatter_cells": 2}
 """Options that only `lighting: sweep` reads, with their defaults."""
 
 
@@ -49,13 +49,15 @@ class GuideConfig(Config):
     that many; each slab with smoke is lit once, weighted by its exact opacity, so there are at most twice as many
     look-ups."""
     scatter_iterations: int = Field(default=0, ge=0, le=64)
-    """Of a sweep: times that light may scatter in cells of twice the size, isotropically, before it scatters to the
-    camera. 1 is what a reference with bounces `paper` holds."""
+    """Of a sweep: times that light may scatter, isotropically after the first, before it scatters to the camera. 1 is
+    what a reference with bounces `paper` holds."""
+    scatter_cells: Literal[1, 2, 4] = 2
+    """Of a sweep: edge of the cells that scattered light is kept on, in cells of the light grid."""
     jitter: bool = True
     """Shift each ray's samples by a seeded part of a step, against banding."""
-    pixel_samples: Literal[1, 4] = 1
-    """4: pixels whose transmittance differs from a neighbour's by more than 0.3, such as those on the edge of an
-    obstacle, are the mean of 2 x 2 rays."""
+    pixel_samples: Literal[1, 4, 16] = 1
+    """Rays of pixels whose transmittance differs from a neighbour's by more than 0.1, such as those on the edge of an
+    obstacle: in a square, and the pixel is their mean."""
     emission: bool = False
     """A channel ``emissive`` as a lightmap has it; 0 for a frame without fire."""
     vertical: Literal["camera_up", "world_up", "omega_cross_z"] = "camera_up"

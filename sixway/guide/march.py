@@ -1,5 +1,6 @@
 """The guiding map: light in smoke from a few sides, cheaply (Algorithm 1, Eq. 6, or coarse sweeps)."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -109,10 +110,10 @@ class GuideMarcher:
             )
 
         launch(1, wp.empty((0, 0), dtype=wp.int8, device=self._device))
-        if config.pixel_samples == 4:
+        if config.pixel_samples > 1:
             edges = wp.empty(size, dtype=wp.int8, device=self._device)
             self._bands.launch(smoke_kernels.find_edges, dim=size, inputs=[transmittance], outputs=[edges])
-            launch(2, edges)
+            launch(math.isqrt(config.pixel_samples), edges)
         return lit.numpy()[..., lights], transmittance.numpy(), depth_m.numpy(), emissive.numpy()
 
     def _nothing(self, camera: Camera) -> Pictures:

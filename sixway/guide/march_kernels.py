@@ -80,13 +80,15 @@ def march_ray(
 ):
     """Light scattered from each light, transmittance, depth [m] and emitted light along one ray.
 
-    Samples stand where a march through the whole box would put them; those outside the smoke are left out.
+    Samples stand where a march through the whole box, and the half voxel around it over which smoke fades out, would
+    put them; those outside the smoke are left out.
     """
     lit = Lanes()
     emitted = float(0.0)
     remaining = float(1.0)  # T_{n-1}
     depth = float(wp.inf)
-    first = slab(origin, forward, extent_m)[0] + offset * step_m
+    fade = wp.vec3(0.5 * volume.voxel_m)
+    first = slab(origin + fade, forward, extent_m + 2.0 * fade)[0] + offset * step_m
     seen = slab(origin - volume.seen_low, forward, volume.seen_high - volume.seen_low)
     n = wp.max(wp.ceil((seen[0] - first) / step_m), 0.0)
     t = first + n * step_m

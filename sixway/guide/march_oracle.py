@@ -1,5 +1,7 @@
 """The guide's marches in NumPy float64: slow, plain, and independent of Warp. Tests hold the kernels to them."""
 
+import math
+
 import numpy as np
 from jaxtyping import Float
 
@@ -7,14 +9,14 @@ from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium
 from sixway.guide.config import GuideConfig
-from sixway.guide.oracle import Fields, box_average, henyey_greenstein, sample, slab, uniform_hash
+from sixway.guide.oracle import Fields, henyey_greenstein, sample, slab, uniform_hash
 from sixway.guide.sweep import LightGrid
-from sixway.guide.sweep_oracle import interpolate_lights, light_cells, light_sums, scatter
+from sixway.guide.sweep_oracle import interpolate_lights, light_cells, light_sums, lit_blocks, scatter
 from sixway.guide.views import to_light_in_world
 
 SMALLEST_WEIGHT = 1e-4
 SMALLEST_SLAB = 1e-3
-LARGEST_DIFFERENCE = 0.3
+LARGEST_DIFFERENCE = 0.1
 
 Pictures = tuple[
     Float[np.ndarray, "h w l"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]
@@ -51,7 +53,7 @@ def march(frame: DensityFrame, camera: Camera, medium: Medium, config: GuideConf
     around = np.pad(once[1], 1, mode="edge")
     near = [around[j : j + camera.height_px, i : i + camera.width_px] for j in range(3) for i in range(3)]
     edge = np.max(near, axis=0) - np.min(near, axis=0) > LARGEST_DIFFERENCE
-    finer = mean_of(2)
+    finer = mean_of(math.isqrt(config.pixel_samples))
     lit = np.where(edge[..., None], finer[0], once[0])
     transmittance, depth, emitted = (np.where(edge, finer[n], once[n]) for n in (1, 2, 3))
     return lit, transmittance, depth, emitted
@@ -69,9 +71,10 @@ def _marched_rays(
 ) -> Pictures:
     """`march_kernels.march_ray` on arrays of rays [h, w, 3]."""
     size, step = fields.voxel_m, config.step_m(frame.grid)
-    extent = np.array(frame.grid.extent_m)
+    fade = 0.5 * size  # smoke fades out over half a voxel around the box
+    extent = np.array(frame.grid.extent_m) + 2.0 * fade
     to_light = [to_light_in_world(d, camera, config.vertical) for d in DIRECTIONS if d in config.lights]
-    enter, leave = slab(origin, forward, extent)
+    enter, leave = slab(origin + fade, forward, extent)
     t = enter + step * offset
     remaining = np.ones(enter.shape)
     depth = np.full(enter.shape, np.inf)
@@ -89,7 +92,7 @@ def _marched_rays(
         weight = remaining * (sigma_t if config.weight == "paper_literal" else 1.0 - passed)
         for light, toward in enumerate(to_light):
             toward_array = np.broadcast_to(np.array(toward), x.shape)
-            exit_m = slab(x, toward_array, extent)[1]
+            exit_m = slab(x + fade, toward_array, extent)[1]
             optical_depth = np.zeros(t.shape)
             s = 0.5 * step
             while (s < exit_m[alive]).any():
@@ -120,8 +123,11 @@ def _swept_rays(
     lights = LightGrid.around(fields.boxes, camera, frame.grid, config)
     cells = light_cells(fields.density, size, lights)
     optical_depth = extinction * lights.cell_m * light_sums(cells)
-    coarse = extinction * lights.cell_m * 2.0 * box_average(cells, 2)
-    scattered = scatter(coarse, albedo=medium.grey_albedo, hg_g=medium.hg_g, iterations=config.scatter_iterations)
+    density, direct = lit_blocks(cells, optical_depth, config.scatter_cells)
+    thickness = extinction * lights.cell_m * config.scatter_cells * density
+    scattered = scatter(
+        direct, thickness, albedo=medium.grey_albedo, hg_g=medium.hg_g, iterations=config.scatter_iterations
+    )
 
     enter, leave = slab(origin - fields.seen_low, forward, fields.seen_high - fields.seen_low)
     steps = np.ceil(np.maximum(leave - enter, 0.0) / step).astype(int)
@@ -147,7 +153,9 @@ def _swept_rays(
         cell = (origin + centre[..., None] * forward - lights.corner_m) @ np.linalg.inv(lights.axes * lights.cell_m).T
         passed = np.exp(-np.maximum(interpolate_lights(optical_depth, cell), 0.0))
         lit += np.where(light_now, weight, 0.0)[..., None] * passed
-        glow += np.where(light_now, weight, 0.0)[..., None] * np.maximum(interpolate_lights(scattered, 0.5 * cell), 0.0)
+        glow += np.where(light_now, weight, 0.0)[..., None] * np.maximum(
+            interpolate_lights(scattered, cell / config.scatter_cells), 0.0
+        )
         weight, moment = np.where(light_now, 0.0, weight), np.where(light_now, 0.0, moment)
     for index, name in enumerate(DIRECTIONS):
         cosine = forward @ np.array(to_light_in_world(name, camera, config.vertical))

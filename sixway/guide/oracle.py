@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium
 from sixway.guide.config import GuideConfig
-from sixway.guide.smoke import block_boxes
+from sixway.guide.smoke import block_boxes, box_around
 
 BLOCK = 4
 
@@ -71,6 +71,7 @@ class Fields:
         if frame.obstacle is not None:
             walls = block_peaks(frame.obstacle, BLOCK * config.mip) > 0.0
             seen = np.concatenate([boxes, block_boxes(walls, voxel_m, frame.grid)])
+        seen_low, seen_high = box_around(seen, voxel_m, frame.grid)
         return cls(
             density=density,
             emission=emission,
@@ -78,8 +79,8 @@ class Fields:
             voxel_m=voxel_m,
             obstacle_voxel_m=frame.grid.voxel_size_m,
             boxes=boxes,
-            seen_low=seen[:, 0].min(axis=0),
-            seen_high=seen[:, 1].max(axis=0),
+            seen_low=seen_low,
+            seen_high=seen_high,
         )
 
     def blocked(self, x: np.ndarray) -> np.ndarray:

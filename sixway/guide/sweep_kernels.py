@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from sixway.guide.ray_kernels import LANES, Lanes, trilinear_along
+from sixway.guide.ray_kernels import LANES, Lanes, exp_minus, trilinear_along
 from sixway.guide.smoke_kernels import BLOCK, blocks_to_nearest
 
 wp.set_module_options({"enable_backward": False})
@@ -72,15 +72,6 @@ def fill_rows(
     sweep_row(cells, extinction, c, b, optical_depth)
 
 
-@wp.kernel
-def sweep_rows(
-    first_row: int, cells: wp.array3d(dtype=float), extinction: float, optical_depth: wp.array3d(dtype=Lanes)
-):
-    """Optical depth from every cell's centre to right and left."""
-    band_row, b = wp.tid()
-    sweep_row(cells, extinction, first_row + band_row, b, optical_depth)
-
-
 _SWEEP_ACROSS = """
     const int rows = axis == 1 ? cells.shape[1] : cells.shape[0];
     const int stride = (axis == 1 ? 1 : cells.shape[1]) * cells.shape[2];
@@ -141,23 +132,33 @@ def sweep_across(
     sweep_plane(cells, extinction, axis, first_row + band_row, part * width, width, optical_depth)
 
 
-@wp.func
-def cell_of_column(axis: int, first: int, second: int, n: int) -> wp.vec3i:
-    """Index [c, b, a] of cell n of a column along an axis; first and second count the other two axes in order."""
-    if axis == 0:
-        return wp.vec3i(first, second, n)
-    if axis == 1:
-        return wp.vec3i(first, n, second)
-    return wp.vec3i(n, first, second)
-
-
 @wp.kernel
-def light_cells(first_row: int, optical_depth: wp.array3d(dtype=Lanes), direct: wp.array3d(dtype=Lanes)):
-    """What arrives at each cell from each light, as a part of what the light sends."""
+def light_coarse_cells(
+    first_row: int,
+    cells: wp.array3d(dtype=float),
+    optical_depth: wp.array3d(dtype=Lanes),
+    edge: int,
+    density: wp.array3d(dtype=float),
+    direct: wp.array3d(dtype=Lanes),
+):
+    """Mean density of blocks of edge^3 cells, and the part of each light that arrives at the smoke in them."""
     band_row, b, a = wp.tid()
     c = first_row + band_row
-    for light in range(6):
-        direct[c, b, a][light] = wp.exp(-optical_depth[c, b, a][light])
+    total = float(0.0)
+    lit = Lanes()
+    for cc in range(c * edge, wp.min((c + 1) * edge, cells.shape[0])):
+        for bb in range(b * edge, wp.min((b + 1) * edge, cells.shape[1])):
+            for aa in range(a * edge, wp.min((a + 1) * edge, cells.shape[2])):
+                if cells[cc, bb, aa] > 0.0:
+                    total += cells[cc, bb, aa]
+                    lit += cells[cc, bb, aa] * exp_minus(optical_depth[cc, bb, aa])
+    density[c, b, a] = total / float(edge * edge * edge)
+    direct[c, b, a] = lit / wp.max(total, 1.0e-30)
+
+
+@wp.func
+def is_inside(field: wp.array3d(dtype=float), c: int, b: int, a: int) -> bool:
+    return c >= 0 and b >= 0 and a >= 0 and c < field.shape[0] and b < field.shape[1] and a < field.shape[2]
 
 
 @wp.kernel
@@ -165,37 +166,44 @@ def scatter_along(
     first_row: int,
     cells: wp.array3d(dtype=float),
     extinction: float,
-    axis: int,
+    way: wp.vec3i,
     albedo: float,
-    turns: wp.vec3,
+    share: float,
+    turned: Lanes,
+    turned_against: Lanes,
     seen: wp.vec2,
     direct: wp.array3d(dtype=Lanes),
     scattered: wp.array3d(dtype=Lanes),
     gathered: wp.array3d(dtype=Lanes),
 ):
-    """Adds to every cell the light that all cells scatter along one axis, both ways, and that reaches it.
+    """Adds to every cell the light that all cells scatter along a line of cells and against it, and that reaches it.
 
-    turns: parts of direct light that scatter onwards, aside (each of four ways) and back; light that has scattered
-    before goes every way alike. seen: what the two ways, up and down the axis, count.
+    Each thread walks the line that starts at its cell, if one does. way: from a cell of the line to the next, along
+    a, b, c. extinction: optical depth of density 1 from one to the next. share: part of all ways that one way stands
+    for. turned, turned_against: parts of each direct light that scatter along the line and against it; light that has
+    scattered before goes every way alike. seen: what the two count.
     The recurrence is exact for cells of even density and source: I' = I exp(-tau) + S (1 - exp(-tau)).
     """
-    band_row, second = wp.tid()
-    first = first_row + band_row
-    length = cells.shape[2 - axis]
-    for way in range(2):
-        turned = Lanes(turns[1])
-        # the first of a pair of lights shines down its axis
-        turned[2 * axis] = turns[2 - 2 * way]
-        turned[2 * axis + 1] = turns[2 * way]
+    band_row, b, a = wp.tid()
+    c = first_row + band_row
+    if is_inside(cells, c - way[2], b - way[1], a - way[0]):
+        return
+    onwards = way
+    part = turned
+    for turn in range(2):
         arriving = Lanes()
-        for m in range(length):
-            n = m
-            if way == 1:
-                n = length - 1 - m
-            at = cell_of_column(axis, first, second, n)
-            passed = wp.exp(-0.5 * extinction * cells[at[0], at[1], at[2]])
-            source = wp.cw_mul(direct[at[0], at[1], at[2]], turned) + scattered[at[0], at[1], at[2]] / 6.0
+        while is_inside(cells, c, b, a):
+            passed = wp.exp(-0.5 * extinction * cells[c, b, a])
+            source = wp.cw_mul(direct[c, b, a], part) + scattered[c, b, a] * share
             sent = source * (albedo * (1.0 - passed))
             middle = arriving * passed + sent
-            gathered[at[0], at[1], at[2]] = gathered[at[0], at[1], at[2]] + middle * seen[way]
+            gathered[c, b, a] = gathered[c, b, a] + middle * seen[turn]
             arriving = middle * passed + sent
+            a += onwards[0]
+            b += onwards[1]
+            c += onwards[2]
+        a -= onwards[0]
+        b -= onwards[1]
+        c -= onwards[2]
+        onwards = -onwards
+        part = turned_against

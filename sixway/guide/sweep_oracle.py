@@ -24,42 +24,67 @@ def light_sums(cells: Float[np.ndarray, "c b a"]) -> Float[np.ndarray, "c b a 6"
     return np.stack(pairs, axis=-1)
 
 
-def turns(g: float) -> tuple[float, float, float]:
-    """`sweep.turns` by quadrature."""
-    cosine = (np.arange(30000) + 0.5) / 15000 - 1.0
-    phase = henyey_greenstein(cosine, g) / henyey_greenstein(cosine, g).sum()
-    onwards, back = phase[cosine > 2 / 3].sum(), phase[cosine < -2 / 3].sum()
-    return onwards, 0.25 * (1.0 - onwards - back), back
+def lit_blocks(cells: np.ndarray, optical_depth: np.ndarray, edge: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean density of blocks of edge^3 cells, and the density-weighted mean transmittance to each light in them."""
+    density = box_average(cells, edge)
+    lit = [box_average(cells * np.exp(-optical_depth[..., light]), edge) for light in range(6)]
+    return density, np.stack(lit, axis=-1) / np.maximum(density, 1e-30)[..., None]
+
+
+def ways() -> tuple[np.ndarray, np.ndarray]:
+    """The 26 ways from a cell to its neighbours, and the parts of the sphere they stand for (Lebedev 1976)."""
+    neighbours = np.array([way for way in np.ndindex(3, 3, 3) if way != (1, 1, 1)]) - 1
+    return neighbours, np.array([0.0, 1 / 21, 4 / 105, 9 / 280])[np.abs(neighbours).sum(axis=1)]
+
+
+def turned(cosine: float, g: float) -> float:
+    """`sweep.turned` by quadrature."""
+    if g == 0.0:
+        return 1.0
+    neighbours, shares = ways()
+    cosines = neighbours[:, 0] / np.linalg.norm(neighbours, axis=1)
+    before = shares[cosines > cosine + 1e-6].sum()
+    ring = shares[np.abs(cosines - cosine) < 1e-6].sum()
+    points = 1.0 - 2.0 * (before + ring * (np.arange(2000) + 0.5) / 2000)  # even in solid angle
+    return float(4.0 * np.pi * henyey_greenstein(points, g).mean())
 
 
 def scatter(
-    thickness: Float[np.ndarray, "c b a"], *, albedo: float, hg_g: float = 0.0, iterations: int
+    direct: Float[np.ndarray, "c b a 6"],
+    thickness: Float[np.ndarray, "c b a"],
+    *,
+    albedo: float,
+    hg_g: float = 0.0,
+    iterations: int,
 ) -> Float[np.ndarray, "c b a 6"]:
     """`sweep.scatter` by discrete ordinates; thickness: optical depth across each cell."""
-    direct = np.exp(-light_sums(thickness))
     scattered = np.zeros_like(direct)
-    onwards, aside, back = turns(hg_g)
     for iteration in range(iterations):
         gathered = np.zeros_like(direct)
-        for axis in range(3):
-            for down in (False, True):
-                light_down, light_up = 2 * (2 - axis), 2 * (2 - axis) + 1
-                turned = np.full(6, aside)
-                turned[light_down], turned[light_up] = (onwards, back) if down else (back, onwards)
-                seen = 1.0
-                if iteration == iterations - 1:
-                    seen = 6.0 * (aside if axis > 0 else back if down else onwards)
-                way = slice(None, None, -1 if down else 1)
-                half = np.exp(-0.5 * np.moveaxis(thickness, axis, 0)[way])[..., None]
-                source = albedo * np.moveaxis(direct * turned + scattered / 6.0, axis, 0)[way]
-                middle = np.zeros_like(source)
-                arriving = np.zeros_like(source[0])
-                for n in range(len(source)):
-                    middle[n] = arriving * half[n] + source[n] * (1.0 - half[n])
-                    arriving = middle[n] * half[n] + source[n] * (1.0 - half[n])
-                gathered += seen * np.moveaxis(middle[way], 0, axis)
+        for way, share in zip(*ways(), strict=True):
+            length = np.linalg.norm(way)
+            parts = np.array([turned(sign * axis / length, hg_g) for axis in way for sign in (-1, 1)])
+            seen = turned(way[2] / length, hg_g) if iteration == iterations - 1 else 1.0
+            half = np.exp(-0.5 * length * thickness)[..., None]
+            sent = albedo * share * (direct * parts + scattered) * (1.0 - half)
+            steps = way[::-1]  # as the arrays' axes are ordered
+            axis = int(np.argmax(steps != 0))
+            aside = tuple(np.delete(steps, axis))
+            leaving = np.zeros_like(np.moveaxis(sent, axis, 0)[0])
+            for n in range(thickness.shape[axis])[:: steps[axis]]:
+                half_here, sent_here = (np.moveaxis(field, axis, 0)[n] for field in (half, sent))
+                middle = _moved(leaving, aside) * half_here + sent_here
+                np.moveaxis(gathered, axis, 0)[n] += seen * middle
+                leaving = middle * half_here + sent_here
         scattered = gathered
     return scattered
+
+
+def _moved(plane: Float[np.ndarray, "n m 6"], by: tuple[int, ...]) -> Float[np.ndarray, "n m 6"]:
+    """The plane moved by up to one cell along its axes, with nothing coming in."""
+    n, m = plane.shape[:2]
+    padded = np.pad(plane, ((1, 1), (1, 1), (0, 0)))
+    return padded[1 - by[0] : 1 - by[0] + n, 1 - by[1] : 1 - by[1] + m]
 
 
 def interpolate_lights(field: Float[np.ndarray, "c b a 6"], cell: np.ndarray) -> np.ndarray:

@@ -65,8 +65,8 @@ class Lights:
     """The light grid. to_lights: rows are the world vectors to right, top and front. to_cells: metres to cells.
 
     corner_m: of cell (0, 0, 0), from the grid's corner. optical_depth: from each cell to each light, [c, b, a].
-    scattered: fluence of light that has scattered, in parts of the irradiance, in cells twice as large; of size 0 if
-    it is left out. samples: slabs of a ray, see `march_swept`.
+    scattered: fluence of light that has scattered, in parts of the irradiance, in cells that are `scatter_cells` times
+    as large; of size 0 if it is left out. samples: slabs of a ray, see `march_swept`.
     """
 
     to_lights: wp.mat33
@@ -74,6 +74,7 @@ class Lights:
     corner_m: wp.vec3
     optical_depth: wp.array3d(dtype=Lanes)
     scattered: wp.array3d(dtype=Lanes)
+    scatter_cells: int
     samples: int
 
 
@@ -141,7 +142,7 @@ def march_ray(volume: Volume, lights: Lights, step_m: float, offset: float, orig
                 centre = cell + (moment / weight) * cell_step
                 lit += weight * exp_minus(trilinear_lights(lights.optical_depth, centre))
                 if lights.scattered.shape[0] > 0:
-                    glow += weight * trilinear_lights(lights.scattered, 0.5 * centre)
+                    glow += weight * trilinear_lights(lights.scattered, centre / float(lights.scatter_cells))
                 weight = 0.0
                 moment = 0.0
     if remaining < 1.0:

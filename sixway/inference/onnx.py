@@ -1,12 +1,13 @@
-"""The ONNX file for engines: opset 15, static shape, float32, plain operators, one self-contained file.
+"""A trained net as one self-contained ONNX file: traced, converted, held to the rules of its readers, compared.
 
-Unity's Inference Engine and Unreal's NNE read opsets 7 to 15 and a short list of operators; a browser
-cannot fetch weights from a second file. What is written here is checked against all of that.
+`export_onnx` writes for engines, at one size; `export_onnx_dynamic` for ONNX Runtime, at any. Nothing is written that
+breaks `onnx_rules` or differs from torch by more than its precision should.
 """
 
-import tempfile
+import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,35 +16,43 @@ import onnxruntime
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.export import Dim
 
 from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.store import atomic_path
-from sixway.models.card import NetCard, read_card
+from sixway.inference.onnx_file import add_metadata
+from sixway.inference.onnx_half import to_half
+from sixway.inference.onnx_int8 import to_int8
+from sixway.inference.onnx_rules import OPSETS, Precision, Target, check_rules
+from sixway.models.card import NetCard
 from sixway.models.unet import SixWayUNet
 
-OPSET = 15
-METADATA_KEY = "sixway"
-PARITY = 1e-4
-"""Largest difference between torch and ONNX Runtime that an export may show."""
+Guides = Sequence[Float[np.ndarray, "n g h w"]]
 
-PLAIN_OPERATORS = frozenset(
-    "Add AveragePool Clip Concat Constant Conv DepthToSpace Div GlobalAveragePool Identity LeakyRelu Mul Pow "
-    "ReduceMean Relu Sigmoid Slice Sqrt Sub".split()
-)
-"""Operators that Unity, Unreal, onnxruntime-web and TensorRT all run."""
+_MOST_STRIDES = 512
 
-_LARGEST_FILE_BYTES = 1 << 30
 
-METADATA = {
-    "input": "guide: raw channels as named in the card; light in units M = pi L / E",
-    "output": "lightmap: sRGB-encoded M * scale for the six maps and emissive, linear alpha = 1 - T; all >= 0",
-    "output_channels": ",".join(LIGHTMAP_CHANNELS),
-    "directions": "where light comes FROM; camera frame x right, y up, z towards the viewer",
-    "rows": "row 0 is the top of the image",
+@dataclass(frozen=True)
+class Difference:
+    """Of a file's answers from torch's, in the net's encoding (0 to about 1)."""
+
+    largest: float
+    rms: float
+
+    def __str__(self) -> str:
+        return f"at most {self.largest:.1e}, {self.rms:.1e} rms"
+
+
+PARITY: dict[Precision, Difference] = {
+    "fp32": Difference(largest=1e-4, rms=1e-5),
+    "fp16": Difference(largest=1e-2, rms=1e-3),
+    # single pixels may be far off in 8 bits; 0.02 rms is 34 dB
+    "int8": Difference(largest=np.inf, rms=2e-2),
 }
+"""The most that an export may differ."""
 
 
-class _Clamped(nn.Module):
+class EngineNet(nn.Module):
     """The net as an engine wants it: light not negative, alpha in [0, 1]."""
 
     def __init__(self, net: SixWayUNet) -> None:
@@ -57,84 +66,152 @@ class _Clamped(nn.Module):
         return torch.cat([light, answer[:, alpha : alpha + 1].clamp(0.0, 1.0), rest], dim=1)
 
 
-def export_onnx(net: SixWayUNet, card: NetCard, path: Path, *, width_px: int, height_px: int) -> float:
-    """Write the file and return its largest difference from torch on a random guide.
+def export_onnx(
+    net: SixWayUNet, card: NetCard, path: Path, *, width_px: int, height_px: int, precision: Precision = "fp32"
+) -> Difference:
+    """Write the file for engines, static in shape, and return its difference from torch on a random guide.
 
-    Raises RuntimeError, and writes nothing, if the file would need another opset, an operator outside
-    `PLAIN_OPERATORS`, or differ by more than `PARITY`.
+    Raises ValueError for int8, which no engine reads; RuntimeError, and writes nothing, if the file would break
+    `onnx_rules` or differ by more than `PARITY`.
     """
-    clamped = _Clamped(net.cpu().eval()).eval()
-    guide = torch.rand(1, len(card.guide_channels), height_px, width_px, generator=torch.Generator().manual_seed(0))
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        file = Path(folder) / "net.onnx"
-        # tracing turns sizes into constants, on purpose; the exporter for opset 15 is the older one
+    if precision == "int8":
+        raise ValueError("int8: engines lack QuantizeLinear and DequantizeLinear; take fp16, or the target ort")
+    wanted = EngineNet(net.cpu().eval()).eval()
+    guide = _random_guide(card, 1, height_px, width_px)
+    model = _trace_static(wanted, guide)
+    if precision == "fp16":
+        model = to_half(model)
+    card = card.model_copy(update={"width_px": width_px, "height_px": height_px})
+    return _finish(model, wanted, [guide], card, path, target="engine", precision=precision)
+
+
+def export_onnx_dynamic(
+    net: SixWayUNet, card: NetCard, path: Path, *, precision: Precision = "fp32", guides: Guides = ()
+) -> Difference:
+    """Write the file for ONNX Runtime, whose height and width are any multiples of the net's stride.
+
+    guides: for int8 alone, pictures of the training, at least two, of sizes that the file takes: every other one
+    calibrates, the rest tell the difference. Raises as `export_onnx` does; ValueError for too few guides.
+    """
+    model = trace_dynamic(net, card)
+    return finish_dynamic(model, net, card, path, precision=precision, guides=guides)
+
+
+def finish_dynamic(
+    model: onnx.ModelProto,
+    net: SixWayUNet,
+    card: NetCard,
+    path: Path,
+    *,
+    precision: Precision = "fp32",
+    guides: Guides = (),
+) -> Difference:
+    """`export_onnx_dynamic` from what `trace_dynamic` gave: tracing is slow, and every precision can share it."""
+    stride = net.stride
+    judges: Guides = [_random_guide(card, 2, 2 * stride, 3 * stride), _random_guide(card, 1, 4 * stride, stride)]
+    if precision == "fp16":
+        model = to_half(model)
+    if precision == "int8":
+        if len(guides) < 2:
+            raise ValueError(f"int8 takes at least 2 guides to calibrate and to judge with, got {len(guides)}")
+        model, judges = to_int8(model, guides[::2]), guides[1::2]
+    return _finish(model, EngineNet(net.cpu().eval()).eval(), judges, card, path, target="ort", precision=precision)
+
+
+def _trace_static(net: EngineNet, guide: np.ndarray) -> onnx.ModelProto:
+    """By the legacy exporter, which alone writes opset 15; it turns sizes into constants, on purpose."""
+    file = io.BytesIO()
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            clamped,
-            (guide,),
+            net,
+            (torch.from_numpy(guide),),
             file,
             dynamo=False,
-            opset_version=OPSET,
+            opset_version=OPSETS["engine"],
             input_names=["guide"],
             output_names=["lightmap"],
         )
-        model = onnx.load(file)
-    exported_card = card.model_copy(update={"width_px": width_px, "height_px": height_px})
-    for key, value in {METADATA_KEY: exported_card.model_dump_json(), **METADATA}.items():
-        model.metadata_props.add(key=key, value=value)
-    _check_plain(model)
+    return onnx.load_from_string(file.getvalue())
+
+
+def trace_dynamic(net: SixWayUNet, card: NetCard) -> onnx.ModelProto:
+    """The float32 graph of opset 18 whose batch is free, and height and width in multiples of the stride."""
+    stride = net.stride
+    guide = torch.from_numpy(_random_guide(card, 2, 3 * stride, 4 * stride))
+    height, width = (stride * Dim(name, min=1, max=_MOST_STRIDES) for name in ("rows", "columns"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        # not strict: the graph as Python runs it; and no second attempt by slower ways, as torch.onnx would make
+        program = torch.export.export(
+            EngineNet(net.cpu().eval()).eval(),
+            (guide,),
+            dynamic_shapes={"guide": {0: Dim("batch", min=1, max=1024), 2: height, 3: width}},
+            strict=False,
+        )
+        exported = torch.onnx.export(
+            program,
+            (),
+            dynamo=True,
+            opset_version=OPSETS["ort"],
+            input_names=["guide"],
+            output_names=["lightmap"],
+            external_data=False,
+            verbose=False,
+        )
+    assert exported is not None
+    model: onnx.ModelProto = exported.model_proto
+    _forget_source(model)
+    return model
+
+
+def _forget_source(model: onnx.ModelProto) -> None:
+    """Drop the exporter's notes on each node: lines of Python and paths of this machine, larger than the graph."""
+    graph = model.graph
+    for noted in (model, graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
+        del noted.metadata_props[:]
+        noted.doc_string = ""
+
+
+def _finish(
+    model: onnx.ModelProto,
+    net: EngineNet,
+    guides: Guides,
+    card: NetCard,
+    path: Path,
+    *,
+    target: Target,
+    precision: Precision,
+) -> Difference:
+    """Check, compare, write."""
+    stride = net.net.stride
+    sizes = (
+        f"{card.width_px} x {card.height_px} px" if target == "engine" else f"height and width multiples of {stride} px"
+    )
+    add_metadata(model, card, target=target, precision=precision, sizes=sizes)
+    check_rules(model, target=target, precision=precision)
     data = model.SerializeToString()
-    session = onnxruntime.InferenceSession(data, providers=["CPUExecutionProvider"])
-    with torch.inference_mode():
-        expected = clamped(guide).numpy()
-    difference = float(np.abs(session.run(None, {"guide": guide.numpy()})[0] - expected).max())
-    if not difference <= PARITY:
+    difference, most = _difference(data, net, guides), PARITY[precision]
+    if not (difference.largest <= most.largest and difference.rms <= most.rms):  # NaN is over
         raise RuntimeError(
-            f"the ONNX file differs from torch by {difference:.2e}, over {PARITY:.0e}; it is not written"
+            f"the ONNX file differs from torch by {difference}, over {most} for {precision}; it is not written"
         )
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
     return difference
 
 
-def _check_plain(model: onnx.ModelProto) -> None:
-    onnx.checker.check_model(model, full_check=True)
-    opsets = {entry.domain: entry.version for entry in model.opset_import}
-    if opsets != {"": OPSET}:
-        raise RuntimeError(f"the exporter wrote opsets {opsets}, wanted {OPSET} alone; it is not written")
-    strange = {node.op_type for node in model.graph.node} - PLAIN_OPERATORS
-    if strange:
-        raise RuntimeError(f"the net exports to operators {sorted(strange)} that engines may lack; it is not written")
+def _difference(data: bytes, net: EngineNet, guides: Guides) -> Difference:
+    session = onnxruntime.InferenceSession(data, providers=["CPUExecutionProvider"])
+    apart = []
+    for guide in guides:
+        with torch.inference_mode():
+            expected = net(torch.from_numpy(guide)).numpy()
+        apart.append(np.abs(session.run(None, {"guide": guide})[0] - expected).ravel())
+    everywhere = np.concatenate(apart)
+    return Difference(float(everywhere.max()), float(np.sqrt(np.mean(everywhere**2, dtype=np.float64))))
 
 
-def read_onnx(path: Path) -> tuple[bytes, NetCard]:
-    """The bytes of an exported file and the card in its metadata.
-
-    Raises FileNotFoundError, or ValueError if the file is no ONNX file, not ours, or names outside data.
-    """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: there is no such ONNX file; make one with: python -m sixway.export RUN_DIR")
-    if path.stat().st_size > _LARGEST_FILE_BYTES:
-        raise ValueError(f"{path}: larger than {_LARGEST_FILE_BYTES} bytes; this is no net of ours")
-    data = path.read_bytes()
-    ours = "make one with: python -m sixway.export RUN_DIR"
-    try:
-        model = onnx.load_from_string(data)
-    except Exception as error:  # protobuf raises DecodeError of several classes
-        raise ValueError(f"{path}: not a readable ONNX file ({error}); {ours}") from error
-    if any(tensor.data_location == onnx.TensorProto.EXTERNAL for tensor in _tensors(model.graph)):
-        raise ValueError(f"{path}: keeps weights in another file, which is refused; {ours}")
-    entries = {entry.key: entry.value for entry in model.metadata_props}
-    if METADATA_KEY not in entries:
-        raise ValueError(f"{path}: an ONNX file without sixway metadata, so its channels are unknown; {ours}")
-    return data, read_card(entries[METADATA_KEY], source=str(path))
-
-
-def _tensors(graph: onnx.GraphProto) -> Iterator[onnx.TensorProto]:
-    """Every constant of a graph, those inside its nodes too."""
-    yield from graph.initializer
-    for node in graph.node:
-        for attribute in node.attribute:
-            yield from (attribute.t, *attribute.tensors)
-            for inner in (*([attribute.g] if attribute.HasField("g") else []), *attribute.graphs):
-                yield from _tensors(inner)
+def _random_guide(card: NetCard, batch: int, height_px: int, width_px: int) -> np.ndarray:
+    shape = (batch, len(card.guide_channels), height_px, width_px)
+    return np.random.default_rng(0).random(shape, dtype=np.float32)

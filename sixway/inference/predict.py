@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.records import GuideMap, SixWayLightmap
-from sixway.inference.onnx import read_onnx
+from sixway.inference.onnx_file import read_onnx
+from sixway.inference.padding import pad_guide
 from sixway.models.card import NetCard, load_net
 from sixway.models.encoding import decode_lightmap
 from sixway.models.unet import SixWayUNet
@@ -46,7 +47,8 @@ class TorchPredictor:
 
 
 class OnnxPredictor:
-    """An exported net under ONNX Runtime; its one image size, one picture at a time."""
+    """An exported net under ONNX Runtime: a file for engines at its one size and picture by picture, one for `ort`
+    at any size and as whole batches."""
 
     def __init__(self, path: Path, *, device: str) -> None:
         data, self.card = read_onnx(path)
@@ -57,21 +59,39 @@ class OnnxPredictor:
             self._session = onnxruntime.InferenceSession(data, providers=[wanted])
         except Exception as error:  # ONNX Runtime's own errors share no base class
             raise ValueError(f"{path}: ONNX Runtime refuses it ({error}); export the run again") from error
-        channels, size = self.card.guide_channels, (self.card.height_px, self.card.width_px)
-        inputs = [(put.name, put.shape) for put in self._session.get_inputs()]
-        outputs = [put.shape for put in self._session.get_outputs()]
-        if inputs != [("guide", [1, len(channels), *size])] or outputs != [[1, len(LIGHTMAP_CHANNELS), *size]]:
+        inputs = [(put.name, put.type, _free_as_none(put.shape)) for put in self._session.get_inputs()]
+        outputs = [(put.type, _free_as_none(put.shape)) for put in self._session.get_outputs()]
+        guides, maps, size = len(self.card.guide_channels), len(LIGHTMAP_CHANNELS), (self.card.height_px, self.card.width_px)
+        found = (inputs, outputs)
+        self._any_size = found == _doors(None, guides, maps, None, None)
+        if not self._any_size and found != _doors(1, guides, maps, *size):
             raise ValueError(f"{path}: {inputs} -> {outputs} is not what its card says; export the run again")
         self._path = path
 
     def encoded(self, guide: Float[np.ndarray, "n g h w"]) -> Float[np.ndarray, "n 8 h w"]:
-        if guide.shape[2:] != (self.card.height_px, self.card.width_px):
+        height, width = guide.shape[2:]
+        if self._any_size:
+            # the net pads by itself, its graph for any size does not
+            padded = pad_guide(guide, self.card.guide_channels, 2 ** len(self.card.net.widths))
+            answer: np.ndarray = self._session.run(None, {"guide": padded})[0]
+            return answer[:, :, :height, :width]
+        if (height, width) != (self.card.height_px, self.card.width_px):
             raise ValueError(
                 f"{self._path}: runs at {self.card.width_px} x {self.card.height_px} px only, asked for "
-                f"{guide.shape[3]} x {guide.shape[2]}; export another size, or use the run folder"
+                f"{width} x {height}; export that size or --target ort, or use the run folder"
             )
         answers = [self._session.run(None, {"guide": picture[None]})[0] for picture in guide]
         return np.concatenate(answers)
+
+
+def _free_as_none(shape: list[int | str | None]) -> list[int | None]:
+    return [size if isinstance(size, int) else None for size in shape]
+
+
+def _doors(batch: int | None, guides: int, maps: int, height: int | None, width: int | None) -> tuple[list, list]:
+    """What a session of a file of ours takes and gives."""
+    kind = "tensor(float)"
+    return [("guide", kind, [batch, guides, height, width])], [(kind, [batch, maps, height, width])]
 
 
 def load_predictor(path: Path, *, device: str) -> Predictor:
@@ -91,7 +111,8 @@ def predict(predictor: Predictor, guide: GuideMap) -> SixWayLightmap:
     if guide.channels != card.guide_channels:
         raise ValueError(f"this net reads the guide {card.guide_channels}, got {guide.channels}")
     encoded = predictor.encoded(np.ascontiguousarray(np.moveaxis(guide.image, -1, 0))[None])
-    linear = decode_lightmap(torch.from_numpy(encoded), scale=card.scale)[0].numpy()
+    decoded = decode_lightmap(torch.from_numpy(encoded), scale=card.scale, emissive_scale=card.emissive_scale)
+    linear = decoded[0].numpy()
     channels = LIGHTMAP_CHANNELS if card.has_emissive else LIGHTMAP_CHANNELS[:-1]
     image = np.maximum(np.moveaxis(linear, 0, -1)[..., : len(channels)], 0.0)
     return SixWayLightmap(channels=channels, image=np.ascontiguousarray(image))

@@ -83,7 +83,9 @@ class FlowNet(nn.Module):
             for encode in self.encoders:
                 pair = encode(pair)
                 levels.append(pair.chunk(2))
-            flow, hidden, flows = None, None, []
+            flow: Tensor | None = None
+            hidden: Tensor | None = None
+            flows: list[Tensor] = []
             for decode, (one, two) in zip(reversed(self.decoders), reversed(levels), strict=True):
                 flow, hidden = decode(one, two, flow, hidden)
                 scale = 2 ** (len(self.encoders) - len(flows))
@@ -107,7 +109,7 @@ class FlowDecoder(nn.Module):
         )
         self.to_flow = nn.Conv2d(_HIDDEN, 2, 3, padding=1)
         nn.init.normal_(self.to_flow.weight, std=1e-3)
-        nn.init.zeros_(self.to_flow.bias)
+        nn.init.zeros_(self.to_flow.bias)  # type: ignore[arg-type]
 
     def forward(self, one: Tensor, two: Tensor, flow: Tensor | None, hidden: Tensor | None) -> tuple[Tensor, Tensor]:
         """The flow in this level's pixels, and what the next level may know of how it was found."""
@@ -154,7 +156,7 @@ def _encoder(channels: int, features: int) -> nn.Sequential:
 def _convolution(channels: int, features: int, *, stride: int = 1) -> tuple[nn.Module, nn.Module]:
     convolution = nn.Conv2d(channels, features, 3, stride=stride, padding=1)
     nn.init.kaiming_normal_(convolution.weight, a=0.1)
-    nn.init.zeros_(convolution.bias)
+    nn.init.zeros_(convolution.bias)  # type: ignore[arg-type]
     return convolution, nn.LeakyReLU(0.1)
 
 

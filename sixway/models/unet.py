@@ -75,8 +75,9 @@ class SixWayUNet(nn.Module):
 
     def forward(self, guide: Float[Tensor, "n g h w"]) -> Float[Tensor, "n 8 h w"]:
         """guide: any size, channels as `GuideMap` defines them. Channels out as in `LIGHTMAP_CHANNELS`."""
-        # int(): a traced size becomes a constant, so no Shape operator reaches the ONNX file
-        height, width = int(guide.shape[2]), int(guide.shape[3])
+        # the legacy exporter makes a constant of int(), so no Shape operator reaches the file; torch.export keeps
+        # sizes symbolic and pads nothing where they are multiples of the stride
+        height, width = (int(size) if torch.jit.is_tracing() else size for size in guide.shape[2:])
         conditioned = self.conditioning(guide)
         correction = self._correction(self._padded(conditioned, height, width))[:, :, :height, :width]
         return self._shown(conditioned) + correction
@@ -84,6 +85,8 @@ class SixWayUNet(nn.Module):
     def _padded(self, conditioned: Tensor, height: int, width: int) -> Tensor:
         """Zeros to the right and below; a conditioned guide is zero where space is empty."""
         right, below = -width % self.stride, -height % self.stride
+        if not right and not below:
+            return conditioned
         batch, channels = int(conditioned.shape[0]), int(conditioned.shape[1])
         # joined, not padded: the exporter turns `pad` into Reshape, Transpose, Cast and a shape that it loses
         if right:

@@ -16,7 +16,7 @@ from sixway.guide import march_oracle, oracle, sweep_oracle
 from sixway.guide.config import GuideConfig
 from sixway.guide.march import GuideMarcher
 from sixway.guide.smoke import block_distances, block_peaks
-from sixway.guide.sweep import turns
+from sixway.guide.sweep import SHARES, WAYS, turned
 
 ALL_LIGHTS = ("right", "left", "top", "bottom", "front", "back")
 SWEEP = GuideConfig(lights=ALL_LIGHTS, sum_lights=False, lighting="sweep", light_grid=12, light_samples=6)
@@ -73,6 +73,8 @@ def test_kernel_equals_oracle(rng, device, kind, hg_g, obstacle) -> None:
         {"light_grid": 4, "light_samples": 1},  # density is averaged before the cells sample it
         {"light_grid": 40, "light_samples": 40, "jitter": False, "step_voxels": 0.7},
         {"scatter_iterations": 1},
+        {"scatter_iterations": 1, "scatter_cells": 1, "light_grid": 8},
+        {"scatter_iterations": 2, "scatter_cells": 4, "light_grid": 18},
         {"scatter_iterations": 3, "mip": 2},
         {"vertical": "world_up"},  # the light grid's axes are not orthogonal
     ],
@@ -104,6 +106,16 @@ def test_homogeneous_cube_has_its_closed_form(device) -> None:
         assert guide[name][centre].mean() == pytest.approx(side, rel=0.03), name
 
 
+@pytest.mark.parametrize("lighting", ["march", "sweep"])
+def test_no_smoke_is_lost_at_the_faces_of_the_box(device, lighting) -> None:
+    """A cube of four voxels, which fades out over half a voxel beyond its faces: T is that of its whole mass."""
+    frame = uniform_cube(4)
+    camera = Camera.around(frame.grid, kind="orthographic", width_px=16, height_px=16, margin=4.0)
+    config = GuideConfig(lights=ALL_LIGHTS, sum_lights=False, lighting=lighting, step_voxels=0.02, jitter=False)
+    guide = GuideMarcher(config, Medium(extinction_per_m=3.0), device=device).march(frame, camera, seed=0)
+    np.testing.assert_allclose(guide["transmittance"][7:9, 7:9], np.exp(-3.0), rtol=0.02)
+
+
 def test_it_is_near_a_fine_march_and_a_finer_grid_nearer(rng, device) -> None:
     frame = blob(rng, (32, 32, 32))
     camera = Camera.around(frame.grid, yaw_deg=30.0, width_px=24, height_px=24)
@@ -121,14 +133,22 @@ def test_it_is_near_a_fine_march_and_a_finer_grid_nearer(rng, device) -> None:
 
 
 def test_scattered_light_deep_in_an_even_slab_has_its_closed_form() -> None:
-    """Light from one side, weakened as e^-tau; 20 optical depths wide, so that only this side's face counts."""
-    albedo = 0.6
-    thickness = np.full((41, 41, 41), 0.5)
-    fluence = sweep_oracle.scatter(thickness, albedo=albedo, iterations=1)
-    # of six ways, four run across tau and gather e^-tau; with the light tau e^-tau, against it e^-tau / 2
-    tau, depth = 0.5 * (np.arange(41) + 0.5), 20
-    expected = albedo * np.exp(-tau[depth]) * (4.0 + 0.5 + tau[depth]) / 6.0
-    np.testing.assert_allclose(fluence[20, 20, 40 - depth, 0], expected, rtol=0.03)
+    """Light from one side, weakened as e^-tau; 16 optical depths wide, so that only this side's face counts."""
+    albedo, number, edge = 0.6, 41, 0.4
+    thickness = np.full((number,) * 3, edge)
+    tau = edge * (np.arange(number) + 0.5)
+    direct = np.zeros((number, number, number, 6))
+    direct[..., 1] = np.exp(-tau)  # the light on the left shines up the first axis
+    fluence = sweep_oracle.scatter(direct, thickness, albedo=albedo, iterations=1)[20, 20, 20, 1]
+    # the transfer equation in a half space, way by way (Chandrasekhar 1960, section 7), with mu along the light
+    expected = 0.0
+    for way, share in zip(*sweep_oracle.ways(), strict=True):
+        mu = way[0] / np.linalg.norm(way)
+        gathered = (
+            tau[20] if mu == 1.0 else (1.0 - np.exp(tau[20] - tau[20] / mu) * (mu > 0)) / (1.0 - mu) if mu else 1.0
+        )
+        expected += share * albedo * np.exp(-tau[20]) * gathered
+    assert fluence == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("hg_g", [-0.4, 0.6])
@@ -142,10 +162,16 @@ def test_light_that_scatters_onwards_equals_the_oracle(rng, device, hg_g, iterat
 
 
 @pytest.mark.parametrize("hg_g", [-0.8, 0.0, 1e-4, 0.3, 0.9])
-def test_the_parts_that_turn_are_those_of_the_phase_function(hg_g) -> None:
-    onwards, aside, back = turns(hg_g)
-    assert onwards + 4.0 * aside + back == pytest.approx(1.0, abs=1e-12)
-    np.testing.assert_allclose((onwards, aside, back), sweep_oracle.turns(hg_g), atol=1e-4)
+def test_what_turns_into_the_ways_is_the_phase_function(hg_g) -> None:
+    """Light is conserved, its mean cosine is g as far as rings can tell, and the kernel's parts are the oracle's."""
+    parts = [
+        (SHARES[np.abs(way).sum()], sign * way[0] / np.linalg.norm(way)) for way in np.array(WAYS) for sign in (-1, 1)
+    ]
+    assert sum(share for share, _ in parts) == pytest.approx(1.0, abs=1e-12)
+    assert sum(share * turned(cosine, hg_g) for share, cosine in parts) == pytest.approx(1.0, abs=1e-9)
+    assert sum(share * cosine * turned(cosine, hg_g) for share, cosine in parts) == pytest.approx(hg_g, abs=0.05)
+    for cosine in (1.0, 0.5**0.5, 3.0**-0.5, 0.0, -(3.0**-0.5), -(0.5**0.5), -1.0):
+        assert turned(cosine, hg_g) == pytest.approx(sweep_oracle.turned(cosine, hg_g), rel=1e-3)
 
 
 @pytest.mark.parametrize("light_grid", [16, 32])
@@ -175,7 +201,7 @@ def test_with_one_scattering_it_comes_near_the_reference_with_one_bounce(rng, de
     """Light that has scattered once or twice in white smoke: every map's mean, and its error far below without."""
     from sixway.reference.lightmaps import trace_lightmaps
 
-    density = np.pad(blob(rng, (22, 22, 22)).density, 1)  # the reference keeps the outermost voxels empty
+    density = np.ascontiguousarray(blob(rng, (24, 24, 24)).density[:, :, 4:])  # smoke up to the faces of the box
     frame = DensityFrame(density=density, grid=Grid.centred(density.shape))
     camera = Camera.around(frame.grid, yaw_deg=30.0, width_px=20, height_px=20)
     medium = Medium(extinction_per_m=12.0, hg_g=hg_g)

@@ -1,4 +1,4 @@
-"""Relight a volume: `python -m sixway.relight cloud.nvdb --checkpoint runs/tiny --light right -o out.png`."""
+"""Relight a volume: `python -m sixway.relight cloud.nvdb --light right -o out.png`."""
 
 import argparse
 import re
@@ -18,7 +18,7 @@ from sixway.core.progress import track
 from sixway.core.store import claim_folder, content_hash
 from sixway.core.video import write_video
 from sixway.inference.bake import LightmapBaker
-from sixway.inference.predict import load_predictor
+from sixway.inference.predict import SHIPPED_NET, load_predictor
 from sixway.inference.sequence import Path1D, Shot, camera_of, render
 from sixway.shading.blend import BlendRule
 from sixway.shading.colour import SmokeColour
@@ -53,12 +53,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m sixway.relight",
         description="March a guide through density volumes, predict their six-way lightmaps, and shade them.",
-        epilog="example: python -m sixway.relight 'smoke_*.npz' --checkpoint net.onnx --light right,1,0.9,0.8 "
+        epilog="example: python -m sixway.relight 'smoke_*.npz' --light right,1,0.9,0.8 "
         "--light 0:1:0.3,0.2,0.3,0.5 --camera-yaw 0:90 -o turn.mp4",
     )
     add = parser.add_argument
     add("volume", help=".vdb, .nvdb, .vol, .npz, .npy or .pbrt file, a folder, or a pattern (quoted)")
-    add("--checkpoint", type=Path, required=True, help="run folder or exported .onnx file")
+    add("--checkpoint", type=Path, default=SHIPPED_NET, help="run folder or .onnx file (default: the net of sixway/zoo)")
     add("-o", "--output", type=Path, required=True, help="out.png, out.mp4, or a folder of PNGs")
     add("--light", action="append", help=f"{LIGHT_FORMS}; may be repeated (default: right)")
     add("--environment", type=Path, help="lat-long picture of the sky (.exr, .png) that lights the smoke")

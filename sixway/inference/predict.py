@@ -16,6 +16,9 @@ from sixway.models.card import NetCard, load_net
 from sixway.models.encoding import decode_lightmap
 from sixway.models.unet import SixWayUNet
 
+SHIPPED_NET = Path(__file__).parents[1] / "zoo" / "unet_naf"
+"""Folder of the net that comes with sixway, for smoke that nobody trained on; its README.md has the scores."""
+
 
 @runtime_checkable
 class Predictor(Protocol):
@@ -61,7 +64,11 @@ class OnnxPredictor:
             raise ValueError(f"{path}: ONNX Runtime refuses it ({error}); export the run again") from error
         inputs = [(put.name, put.type, _free_as_none(put.shape)) for put in self._session.get_inputs()]
         outputs = [(put.type, _free_as_none(put.shape)) for put in self._session.get_outputs()]
-        guides, maps, size = len(self.card.guide_channels), len(LIGHTMAP_CHANNELS), (self.card.height_px, self.card.width_px)
+        guides, maps, size = (
+            len(self.card.guide_channels),
+            len(LIGHTMAP_CHANNELS),
+            (self.card.height_px, self.card.width_px),
+        )
         found = (inputs, outputs)
         self._any_size = found == _doors(None, guides, maps, None, None)
         if not self._any_size and found != _doors(1, guides, maps, *size):

@@ -102,6 +102,7 @@ class View:
             guide=np.ascontiguousarray(np.moveaxis(self.guide.image, -1, 0)),
             guide_channels=self.guide.channels,
             scale=self.card.scale,
+            emissive_scale=self.card.emissive_scale,
             predicted=self.encoded(self.predicted),
             truth=self.encoded(self.truth),
             has_emissive="emissive" in self.truth.channels and self.card.has_emissive,

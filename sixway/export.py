@@ -54,9 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 difference = export_onnx_dynamic(net, card, path, precision=options.precision, guides=guides)
             else:
                 width, height = size
-                difference = export_onnx(
-                    net, card, path, width_px=width, height_px=height, precision=options.precision
-                )
+                difference = export_onnx(net, card, path, width_px=width, height_px=height, precision=options.precision)
             megabytes = path.stat().st_size / 1e6
             print(f"exported: {path} ({megabytes:.2f} MB), {about}; differs from torch by {difference}")
     except (ValueError, OSError, RuntimeError) as error:

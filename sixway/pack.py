@@ -19,7 +19,7 @@ from sixway.core.progress import track
 from sixway.engines.book import BookStyle, book_files, sidecar_path, write_book
 from sixway.engines.flipbook import Plan, decimate, every_frame, loop, parse_grid, retime
 from sixway.engines.frames import find_frames, held_channels, layers_of, slice_of
-from sixway.engines.motion import FLOW_CHANNELS, MotionVectors, Upwards, motion_vectors, with_motion
+from sixway.engines.motion import FLOW_CHANNELS, MOTION_CHANNELS, MotionVectors, Upwards, motion_vectors, with_motion
 from sixway.engines.packing import PACKINGS, AlphaMode, Packing, PackingConfig, packing_from_config, parse_packing
 from sixway.engines.texture import TEXTURE_FORMATS
 
@@ -103,7 +103,8 @@ def _run(options: argparse.Namespace) -> int:
         ),
     )
     place = f"{grid.columns}x{grid.rows} tiles" if grid else "array slices"
-    absent = [name for name in packing.carried if name not in channels]
+    given = (*channels, *MOTION_CHANNELS) if options.motion else channels
+    absent = [name for name in packing.carried if name not in given]
     print(
         f"{len(files)} frame(s) of {shape[1]} x {shape[0]}, {len(plan)} shown at {fps:.4g} fps in {place}; packing "
         f"{packing.name}, {style.alpha} alpha" + (f"; neutral, since the frames lack them: {absent}" if absent else "")

@@ -120,6 +120,8 @@ def read_sidecar(path: Path) -> Sidecar:
         raise FileNotFoundError(
             f"{path}: there is no sidecar; give the .json that python -m sixway.pack wrote beside the textures"
         )
+    if path.suffix.lower() != ".json":
+        raise ValueError(f"{path}: no sidecar; give the .json that python -m sixway.pack wrote beside the textures")
     if path.stat().st_size > _LARGEST_BYTES:
         raise ValueError(f"{path}: larger than {_LARGEST_BYTES} bytes; this is no sidecar")
     tree = read_json(path)

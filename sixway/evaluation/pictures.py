@@ -45,6 +45,7 @@ def write_pictures(out: Path, dataset: SmokeDataset, net: Answers, frames: list[
             guide=guide[second],
             guide_channels=dataset.guide_channels,
             scale=dataset.scale,
+            emissive_scale=dataset.emissive_scale,
             predicted=predicted,
             truth=truth,
             has_emissive=dataset.has_emissive,
@@ -65,12 +66,15 @@ def contact_sheet(
     scale: float,
     predicted: Float[np.ndarray, "8 h w"],
     truth: Float[np.ndarray, "8 h w"],
+    emissive_scale: float | None = None,
     has_emissive: bool = False,
 ) -> None:
     """Write the sheet of one frame as a PNG. guide: raw; predicted, truth: encoded."""
+    scales = {"transmittance": None, "depth": None, "emissive": emissive_scale or scale}
     shown = [
-        (name, guide[i] if name in ("transmittance", "depth") else encode_srgb(guide[i] * scale))
+        (name, guide[i] if factor is None else encode_srgb(guide[i] * factor))
         for i, name in enumerate(guide_channels)
+        for factor in (scales.get(name, scale),)
     ]
     names = LIGHTMAP_CHANNELS if has_emissive else LIGHTMAP_CHANNELS[:-1]
     said = "six maps, alpha and emissive" if has_emissive else "six maps and alpha"

@@ -1,6 +1,5 @@
 """The guiding map: light in smoke from a few sides, cheaply (Algorithm 1, Eq. 6, or coarse sweeps)."""
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -113,7 +112,7 @@ class GuideMarcher:
         if config.pixel_samples > 1:
             edges = wp.empty(size, dtype=wp.int8, device=self._device)
             self._bands.launch(smoke_kernels.find_edges, dim=size, inputs=[transmittance], outputs=[edges])
-            launch(math.isqrt(config.pixel_samples), edges)
+            launch(config.rays_a_side(camera, grid), edges)
         return lit.numpy()[..., lights], transmittance.numpy(), depth_m.numpy(), emissive.numpy()
 
     def _nothing(self, camera: Camera) -> Pictures:

@@ -1,7 +1,5 @@
 """The guide's marches in NumPy float64: slow, plain, and independent of Warp. Tests hold the kernels to them."""
 
-import math
-
 import numpy as np
 from jaxtyping import Float
 
@@ -53,7 +51,7 @@ def march(frame: DensityFrame, camera: Camera, medium: Medium, config: GuideConf
     around = np.pad(once[1], 1, mode="edge")
     near = [around[j : j + camera.height_px, i : i + camera.width_px] for j in range(3) for i in range(3)]
     edge = np.max(near, axis=0) - np.min(near, axis=0) > LARGEST_DIFFERENCE
-    finer = mean_of(math.isqrt(config.pixel_samples))
+    finer = mean_of(config.rays_a_side(camera, frame.grid))
     lit = np.where(edge[..., None], finer[0], once[0])
     transmittance, depth, emitted = (np.where(edge, finer[n], once[n]) for n in (1, 2, 3))
     return lit, transmittance, depth, emitted

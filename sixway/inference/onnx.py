@@ -5,8 +5,10 @@ breaks `onnx_rules` or differs from torch by more than its precision should.
 """
 
 import io
+import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from sixway.core.store import atomic_path
 from sixway.inference.onnx_file import add_metadata
 from sixway.inference.onnx_half import to_half
 from sixway.inference.onnx_int8 import to_int8
-from sixway.inference.onnx_rules import OPSETS, Precision, Target, check_rules
+from sixway.inference.onnx_rules import LACKING_POOL_OPTIONS, OPSETS, Precision, Target, check_rules
 from sixway.models.card import NetCard
 from sixway.models.unet import SixWayUNet
 
@@ -132,7 +134,20 @@ def _trace_static(net: EngineNet, guide: np.ndarray) -> onnx.ModelProto:
             input_names=["guide"],
             output_names=["lightmap"],
         )
-    return onnx.load_from_string(file.getvalue())
+    model = onnx.load_from_string(file.getvalue())
+    for node in model.graph.node:
+        if node.op_type == "AveragePool":
+            _drop_idle_options(node)
+    return model
+
+
+def _drop_idle_options(pool: onnx.NodeProto) -> None:
+    """How a pool treats borders: engines lack the options, and a pool without borders does not need them."""
+    options = {attribute.name: onnx.helper.get_attribute_value(attribute) for attribute in pool.attribute}
+    if not any(options.get("pads", [])) and not options.get("ceil_mode", 0):
+        kept = [attribute for attribute in pool.attribute if attribute.name not in LACKING_POOL_OPTIONS]
+        del pool.attribute[:]
+        pool.attribute.extend(kept)
 
 
 def trace_dynamic(net: SixWayUNet, card: NetCard) -> onnx.ModelProto:
@@ -140,7 +155,7 @@ def trace_dynamic(net: SixWayUNet, card: NetCard) -> onnx.ModelProto:
     stride = net.stride
     guide = torch.from_numpy(_random_guide(card, 2, 3 * stride, 4 * stride))
     height, width = (stride * Dim(name, min=1, max=_MOST_STRIDES) for name in ("rows", "columns"))
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _quiet("torch.onnx._internal.exporter._registration"):
         warnings.simplefilter("ignore")
         # not strict: the graph as Python runs it; and no second attempt by slower ways, as torch.onnx would make
         program = torch.export.export(
@@ -161,16 +176,32 @@ def trace_dynamic(net: SixWayUNet, card: NetCard) -> onnx.ModelProto:
         )
     assert exported is not None
     model: onnx.ModelProto = exported.model_proto
-    _forget_source(model)
+    _tidy(model, stride)
     return model
 
 
-def _forget_source(model: onnx.ModelProto) -> None:
-    """Drop the exporter's notes on each node: lines of Python and paths of this machine, larger than the graph."""
+def _tidy(model: onnx.ModelProto, stride: int) -> None:
+    """Name the free sizes, and drop the exporter's notes: Python's lines and paths, larger than the graph."""
     graph = model.graph
-    for noted in (model, graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
+    del graph.value_info[:]
+    for noted in (model, graph, *graph.node, *graph.input, *graph.output, *graph.initializer):
         del noted.metadata_props[:]
         noted.doc_string = ""
+    for value in (*graph.input, *graph.output):
+        batch, _, height, width = value.type.tensor_type.shape.dim
+        batch.dim_param, height.dim_param, width.dim_param = "batch", f"{stride}*rows", f"{stride}*columns"
+
+
+@contextmanager
+def _quiet(logger: str) -> Iterator[None]:
+    """torch tells every time that torchvision is absent, which nothing here needs."""
+    told = logging.getLogger(logger)
+    before = told.level
+    told.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        told.setLevel(before)
 
 
 def _finish(
@@ -189,6 +220,7 @@ def _finish(
         f"{card.width_px} x {card.height_px} px" if target == "engine" else f"height and width multiples of {stride} px"
     )
     add_metadata(model, card, target=target, precision=precision, sizes=sizes)
+    del model.graph.value_info[:]  # readers infer it
     check_rules(model, target=target, precision=precision)
     data = model.SerializeToString()
     difference, most = _difference(data, net, guides), PARITY[precision]

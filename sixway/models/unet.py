@@ -82,7 +82,7 @@ class SixWayUNet(nn.Module):
         correction = self._correction(self._padded(conditioned, height, width))[:, :, :height, :width]
         return self._shown(conditioned) + correction
 
-    def _padded(self, conditioned: Tensor, height: int, width: int) -> Tensor:
+    def _padded(self, conditioned: Tensor, height: int | torch.SymInt, width: int | torch.SymInt) -> Tensor:
         """Zeros to the right and below; a conditioned guide is zero where space is empty."""
         right, below = -width % self.stride, -height % self.stride
         if not right and not below:

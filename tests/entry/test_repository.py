@@ -15,6 +15,7 @@ from sixway.generation.plan import DatasetConfig, Plan
 from sixway.guide.march import GuideConfig
 from sixway.reference.lightmaps import ReferenceConfig
 from sixway.sim.scenario import ScenarioConfig
+from sixway.training.flow import FlowTrainConfig
 from sixway.training.loop import TrainConfig
 
 ROOT = Path(__file__).parents[2]
@@ -25,8 +26,9 @@ MODELS = {
     "reference": ReferenceConfig,
     "sim": ScenarioConfig,
     "train": TrainConfig,
+    "train/flow": FlowTrainConfig,
 }
-"""The model of every folder below configs/."""
+"""The model of every folder below configs/, and of the one file that is of another."""
 
 
 def test_core_and_shading_load_no_heavy_framework() -> None:
@@ -53,7 +55,7 @@ print(len(names), *sorted({"torch", "warp", "mitsuba", "drjit", "kornia", "onnxr
 def test_every_config_loads_and_says_how_to_use_it(path: Path) -> None:
     folder = path.relative_to(ROOT / "configs").parts[0]
     assert folder in MODELS, f"configs/{folder}: say in MODELS which model reads this folder"
-    config = load_config(MODELS[folder], path)
+    config = load_config(MODELS.get(f"{folder}/{path.stem}", MODELS[folder]), path)
     if isinstance(config, DatasetConfig):
         assert Plan.read(path, ()).simulations  # its scenarios load as well
     head = path.read_text().split("\n\n")[0]

@@ -68,7 +68,7 @@ def test_run_folder_and_onnx_file_predict_the_same(
 
 
 def test_an_exported_net_names_its_one_size(exported: Path) -> None:
-    with pytest.raises(ValueError, match=r"net\.onnx: runs at 24 x 20 px only, asked for 32 x 20; export another size"):
+    with pytest.raises(ValueError, match=r"net\.onnx: runs at 24 x 20 px only, asked for 32 x 20; export that size"):
         OnnxPredictor(exported, device="cpu").encoded(np.zeros((1, 8, 20, 32), np.float32))
 
 

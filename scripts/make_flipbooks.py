@@ -12,16 +12,26 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float
+
 from sixway.bake import main as bake
 from sixway.core.command import status_of
+from sixway.core.conventions import LIGHTMAP_CHANNELS
+from sixway.core.png import write_png
+from sixway.core.records import SixWayLightmap
 from sixway.core.store import write_text
+from sixway.engines.book import read_book
 from sixway.engines.sidecar import read_sidecar
 from sixway.pack import main as pack
+from sixway.shading.compose import over, shade
+from sixway.shading.light import DirectionalLight
 from sixway.simulate import main as simulate
 
 ROOT = Path(__file__).parents[1]
 BOOKS = ROOT / "assets/flipbooks"
 LARGEST_BYTES = 10_000_000
+PREVIEW = "preview.png"
 TILE_PX, SAMPLES = 128, 4
 
 
@@ -84,6 +94,21 @@ def _run(status: int, recipe: Recipe) -> None:
         raise RuntimeError(f"{recipe.name}: the command above failed; mend it and run this script again")
 
 
+def lit(path: Path, count: int = 8) -> Float[np.ndarray, "h w 3"]:
+    """A row of a book's frames from the first to the last, in the sun from the upper right and their own fire."""
+    book = read_book(path)
+    frames = book.frames[..., [book.channels.index(name) for name in LIGHTMAP_CHANNELS]]
+    shown = frames[np.linspace(0, len(frames) - 1, count).round().astype(int)]
+    strength = book.sidecar.brightness
+    sun = DirectionalLight(to_light=(0.6, 0.64, 0.48), colour=(strength, strength, strength))
+    row = []
+    for image in shown:
+        lightmap = SixWayLightmap(channels=LIGHTMAP_CHANNELS, image=np.ascontiguousarray(image))
+        smoke = shade(lightmap, [sun])
+        row.append(over(smoke, lightmap["alpha"], np.full_like(smoke, 0.03)))
+    return np.concatenate(row, axis=1)
+
+
 def readme(out: Path) -> str:
     """What a user must know, from the sidecars; and the size of all, which must not exceed the limit."""
     lines = [
@@ -94,6 +119,8 @@ def readme(out: Path) -> str:
         "Divide lights by `brightness`, fire by `emissive brightness`. Shaders: `sixway/engines/shaders`, how to use",
         "them: `docs/engines/blender_houdini_to_engines.md`. Licence: CC0, see LICENSE. Made by",
         "`scripts/make_flipbooks.py`.",
+        "",
+        f"![each of them in the sun from the upper right]({PREVIEW})",
         "",
         "| book | what | grid | frames | fps | loops | brightness | emissive brightness | motion scale | MB |",
         "|---|---|---|---|---|---|---|---|---|---|",
@@ -136,6 +163,8 @@ def run(options: argparse.Namespace) -> int:
             packed(recipe, baked(recipe, work, quick=options.quick), options.out, quick=options.quick)
     write_text(options.out / "LICENSE", LICENCE)
     write_text(options.out / "README.md", readme(options.out))
+    books = [options.out / f"{recipe.name}.json" for recipe in RECIPES]
+    write_png(options.out / PREVIEW, np.concatenate([lit(path) for path in books if path.is_file()]))
     return 0
 
 

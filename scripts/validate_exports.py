@@ -54,7 +54,7 @@ def main() -> int:
         files = Files(net, card, Path(folder))
         files.write_dynamic(training_guides(chosen.data, card, net.stride))
         judge(result, files, pictures)
-        for size in SIZES[:1] if quick else SIZES:
+        for size in SIZES:
             time_size(result, files, size)
     told(result)
     return result.finish(chosen.json)

@@ -83,7 +83,6 @@ def test_the_shipped_net_is_frozen_small_and_differentiable(device: str) -> None
     assert second.grad is not None and torch.isfinite(second.grad).all() and second.grad.abs().max() > 0.0
 
 
-@pytest.mark.xfail(strict=True, reason="the weights in the zoo are of a run cut short at 250 of its steps")
 @pytest.mark.parametrize("motion", [(1.0, 0.0), (0.5, -1.5), (-2.8, 2.8), (4.0, 0.0), (0.0, -6.0)])
 def test_the_shipped_net_sees_a_known_translation(motion: tuple[float, float], device: str) -> None:
     first, second = puffs().to(device), puffs(right=motion[0], down=motion[1]).to(device)

@@ -58,7 +58,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("volume", help=".vdb, .nvdb, .vol, .npz, .npy or .pbrt file, a folder, or a pattern (quoted)")
-    add("--checkpoint", type=Path, default=SHIPPED_NET, help="run folder or .onnx file (default: the net of sixway/zoo)")
+    add("--checkpoint", type=Path, default=SHIPPED_NET, help="run folder or .onnx file (default: the shipped net)")
     add("-o", "--output", type=Path, required=True, help="out.png, out.mp4, or a folder of PNGs")
     add("--light", action="append", help=f"{LIGHT_FORMS}; may be repeated (default: right)")
     add("--environment", type=Path, help="lat-long picture of the sky (.exr, .png) that lights the smoke")

@@ -18,7 +18,6 @@ import onnxruntime
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.export import Dim
 
 from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.store import atomic_path
@@ -29,9 +28,8 @@ from sixway.inference.onnx_rules import LACKING_POOL_OPTIONS, OPSETS, Precision,
 from sixway.models.card import NetCard
 from sixway.models.unet import SixWayUNet
 
-Guides = Sequence[Float[np.ndarray, "n g h w"]]
-
-_MOST_STRIDES = 512
+Guides = Sequence[np.ndarray]
+"""Of shape [n, g, h, w], float32; sizes may differ."""
 
 
 @dataclass(frozen=True)
@@ -151,19 +149,17 @@ def _drop_idle_options(pool: onnx.NodeProto) -> None:
 
 
 def trace_dynamic(net: SixWayUNet, card: NetCard) -> onnx.ModelProto:
-    """The float32 graph of opset 18 whose batch is free, and height and width in multiples of the stride."""
+    """The float32 graph of opset 18 whose batch is free, and height and width in multiples of the stride.
+
+    It is traced at one size and holds nothing of it, which `finish_dynamic` proves at others: symbolic sizes
+    give the same graph and take several times as long.
+    """
     stride = net.stride
     guide = torch.from_numpy(_random_guide(card, 2, 3 * stride, 4 * stride))
-    height, width = (stride * Dim(name, min=1, max=_MOST_STRIDES) for name in ("rows", "columns"))
     with warnings.catch_warnings(), _quiet("torch.onnx._internal.exporter._registration"):
         warnings.simplefilter("ignore")
         # not strict: the graph as Python runs it; and no second attempt by slower ways, as torch.onnx would make
-        program = torch.export.export(
-            EngineNet(net.cpu().eval()).eval(),
-            (guide,),
-            dynamic_shapes={"guide": {0: Dim("batch", min=1, max=1024), 2: height, 3: width}},
-            strict=False,
-        )
+        program = torch.export.export(EngineNet(net.cpu().eval()).eval(), (guide,), strict=False)
         exported = torch.onnx.export(
             program,
             (),
@@ -181,7 +177,7 @@ def trace_dynamic(net: SixWayUNet, card: NetCard) -> onnx.ModelProto:
 
 
 def _tidy(model: onnx.ModelProto, stride: int) -> None:
-    """Name the free sizes, and drop the exporter's notes: Python's lines and paths, larger than the graph."""
+    """Free the sizes, and drop the exporter's notes: Python's lines and paths, larger than the graph."""
     graph = model.graph
     del graph.value_info[:]
     for noted in (model, graph, *graph.node, *graph.input, *graph.output, *graph.initializer):

@@ -75,14 +75,16 @@ class SixWayUNet(nn.Module):
 
     def forward(self, guide: Float[Tensor, "n g h w"]) -> Float[Tensor, "n 8 h w"]:
         """guide: any size, channels as `GuideMap` defines them. Channels out as in `LIGHTMAP_CHANNELS`."""
-        # the legacy exporter makes a constant of int(), so no Shape operator reaches the file; torch.export keeps
-        # sizes symbolic and pads nothing where they are multiples of the stride
-        height, width = (int(size) if torch.jit.is_tracing() else size for size in guide.shape[2:])
+        # int(): a traced size becomes a constant, so no Shape operator reaches the ONNX file
+        height, width = int(guide.shape[2]), int(guide.shape[3])
         conditioned = self.conditioning(guide)
-        correction = self._correction(self._padded(conditioned, height, width))[:, :, :height, :width]
+        padded = self._padded(conditioned, height, width)
+        correction = self._correction(padded)
+        if padded is not conditioned:  # a graph traced without padding holds nothing of its size
+            correction = correction[:, :, :height, :width]
         return self._shown(conditioned) + correction
 
-    def _padded(self, conditioned: Tensor, height: int | torch.SymInt, width: int | torch.SymInt) -> Tensor:
+    def _padded(self, conditioned: Tensor, height: int, width: int) -> Tensor:
         """Zeros to the right and below; a conditioned guide is zero where space is empty."""
         right, below = -width % self.stride, -height % self.stride
         if not right and not below:
@@ -106,7 +108,8 @@ class SixWayUNet(nn.Module):
 
     def _shown(self, conditioned: Tensor) -> Tensor:
         """The lightmap as the guide shows it; zero in channels that it does not show."""
-        nothing = torch.zeros_like(conditioned[:, :1])
+        # not zeros_like: its shape would enter the ONNX graph, or the zeros themselves as a constant
+        nothing = conditioned[:, :1].clip(0.0, 0.0)
         shown_as = ["transmittance" if channel == "alpha" else channel for channel in LIGHTMAP_CHANNELS]
         places = [self.guide_channels.index(name) if name in self.guide_channels else None for name in shown_as]
         return torch.cat([nothing if i is None else conditioned[:, i : i + 1] for i in places], dim=1)

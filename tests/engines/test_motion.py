@@ -114,7 +114,7 @@ def test_carried_motion_is_smooth_and_what_is_known_stays() -> None:
         return float(np.abs(np.diff(field[22:, :, 0], axis=1)).max())
 
     assert steepest(carried) < 0.4 * steepest(dilated(flow, known))
-    assert carried[15, 8, 0] < -0.5 and carried[15, 21, 0] > 0.5
+    assert carried[15, 8, 0] < -0.3 and carried[15, 21, 0] > 0.3
 
 
 def test_plans_lengthen_and_mix_the_motion() -> None:

@@ -126,7 +126,7 @@ def _trace_static(net: EngineNet, guide: np.ndarray) -> onnx.ModelProto:
         torch.onnx.export(
             net,
             (torch.from_numpy(guide),),
-            file,
+            file,  # type: ignore[arg-type]  # torch takes a stream, its stubs do not
             dynamo=False,
             opset_version=OPSETS["engine"],
             input_names=["guide"],

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sixway.core.config import ConfigError, load_config
+from sixway.core.config import Config, ConfigError, load_config
 from sixway.generation.plan import DatasetConfig, Plan
 from sixway.guide.march import GuideConfig
 from sixway.reference.lightmaps import ReferenceConfig
@@ -49,13 +49,17 @@ print(len(names), *sorted({"torch", "warp", "mitsuba", "drjit", "kornia", "onnxr
     assert done.stderr == ""
 
 
+def model_of(path: Path) -> type[Config]:
+    folder = path.relative_to(ROOT / "configs").parts[0]
+    assert folder in MODELS, f"configs/{folder}: say in MODELS which model reads this folder"
+    return MODELS.get(f"{folder}/{path.stem}", MODELS[folder])
+
+
 @pytest.mark.parametrize(
     "path", sorted(ROOT.glob("configs/**/*.yaml")), ids=lambda path: f"{path.parent.name}/{path.stem}"
 )
 def test_every_config_loads_and_says_how_to_use_it(path: Path) -> None:
-    folder = path.relative_to(ROOT / "configs").parts[0]
-    assert folder in MODELS, f"configs/{folder}: say in MODELS which model reads this folder"
-    config = load_config(MODELS.get(f"{folder}/{path.stem}", MODELS[folder]), path)
+    config = load_config(model_of(path), path)
     if isinstance(config, DatasetConfig):
         assert Plan.read(path, ()).simulations  # its scenarios load as well
     head = path.read_text().split("\n\n")[0]
@@ -140,7 +144,7 @@ def test_configs_and_overrides_of_the_readme_fit() -> None:
         configs = [argument for argument in arguments if argument.startswith("configs/")]
         overrides = [argument for argument in arguments if re.match(r"[a-z_][\w.]*=", argument)]
         for config in configs:
-            load_config(MODELS[config.split("/")[1]], ROOT / config, overrides)
+            load_config(model_of(ROOT / config), ROOT / config, overrides)
             checked += 1
         assert configs or not overrides, f"{target}: overrides of no config"
     assert checked >= 2

@@ -1,6 +1,6 @@
 """Four flipbooks that engines can use as they are: simulate, bake, pack into assets/flipbooks, all our own.
 
-python scripts/make_flipbooks.py [--only smoke] [--quick --out /tmp/toy]
+python scripts/make_flipbooks.py [--only smoke] [--quick --out toy]
 
 `--work` keeps volumes and baked frames: the same command goes on where it stopped. `--quick` makes toys of 4 frames.
 

@@ -5,11 +5,12 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 
 from sixway.core.config import Config
-from sixway.core.store import atomic_path, read_json, sha256_file, write_text
+from sixway.core.store import read_json, sha256_file
 from sixway.models.unet import SixWayUNet, UNetConfig
+from sixway.models.weights import save_with_card
 
 WEIGHTS = "model.safetensors"
 CARD = "model.json"
@@ -44,10 +45,7 @@ class NetCard(Config):
 
 def save_net(folder: Path, net: SixWayUNet, card: NetCard) -> None:
     """Write weights and card, each whole; the card holds the hash of the weights."""
-    with atomic_path(folder / WEIGHTS) as temporary:
-        save_file({name: tensor.contiguous() for name, tensor in net.state_dict().items()}, temporary)
-    card = card.model_copy(update={"weights_sha256": sha256_file(folder / WEIGHTS)})
-    write_text(folder / CARD, card.model_dump_json(indent=1) + "\n")
+    save_with_card(net, card, weights=folder / WEIGHTS, card_path=folder / CARD)
 
 
 def read_card(text: str | bytes, *, source: str) -> NetCard:

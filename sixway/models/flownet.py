@@ -12,13 +12,14 @@ from jaxtyping import Float
 from kornia.filters import gaussian_blur2d
 from pydantic import Field, ValidationError
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 from torch import Tensor, nn
 from torch.nn import functional
 
 from sixway.core.config import Config
-from sixway.core.store import atomic_path, sha256_file, write_text
+from sixway.core.store import sha256_file
 from sixway.models.flow_warp import resized_flow, warp
+from sixway.models.weights import save_with_card
 
 WEIGHTS = "flownet.safetensors"
 CARD = "flownet.json"
@@ -176,10 +177,7 @@ class FlowCard(Config):
 
 def save_flownet(folder: Path, net: FlowNet, card: FlowCard) -> None:
     """Write weights and card, each whole; the card holds the hash of the weights."""
-    with atomic_path(folder / WEIGHTS) as temporary:
-        save_file({name: tensor.contiguous() for name, tensor in net.state_dict().items()}, temporary)
-    card = card.model_copy(update={"weights_sha256": sha256_file(folder / WEIGHTS)})
-    write_text(folder / CARD, card.model_dump_json(indent=1) + "\n")
+    save_with_card(net, card, weights=folder / WEIGHTS, card_path=folder / CARD)
 
 
 def load_flownet(folder: Path = SHIPPED) -> FlowNet:

@@ -70,12 +70,13 @@ def contact_sheet(
     has_emissive: bool = False,
 ) -> None:
     """Write the sheet of one frame as a PNG. guide: raw; predicted, truth: encoded."""
-    scales = {"transmittance": None, "depth": None, "emissive": emissive_scale or scale}
-    shown = [
-        (name, guide[i] if factor is None else encode_srgb(guide[i] * factor))
-        for i, name in enumerate(guide_channels)
-        for factor in (scales.get(name, scale),)
-    ]
+
+    def encoded(name: str, values: np.ndarray) -> np.ndarray:
+        if name in ("transmittance", "depth"):
+            return values
+        return encode_srgb(values * ((emissive_scale or scale) if name == "emissive" else scale))
+
+    shown = [(name, encoded(name, guide[i])) for i, name in enumerate(guide_channels)]
     names = LIGHTMAP_CHANNELS if has_emissive else LIGHTMAP_CHANNELS[:-1]
     said = "six maps, alpha and emissive" if has_emissive else "six maps and alpha"
     rows: list[Row] = [

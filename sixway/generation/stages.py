@@ -91,6 +91,7 @@ def march_shard(job: Generation, shard: Shard) -> Iterator[None]:
         frame: DensityFrame | None = None
         frame_s = simulation.scenario.frame_s
         for view in simulation.views:
+            seen: DensityFrame | None = None
             seed = job.plan.seed(simulation, view, number)
             facts = {"frame": number, "seed": seed}
             for name, marcher in marchers.items():
@@ -98,7 +99,8 @@ def march_shard(job: Generation, shard: Shard) -> Iterator[None]:
                 path = store.frame_path(number, ".exr")
                 if path.name not in store.done():
                     frame = frame or job.read_density(simulation, number)
-                    guide = marcher.march(view.seen(frame), view.camera, seed=seed)
+                    seen = seen or view.seen(frame)
+                    guide = marcher.march(seen, view.camera, seed=seed)
                     write_exr(path, guide.image, guide.channels, _attributes(job, simulation, view, facts))
                     store.record(path, **facts)
                     yield
@@ -106,7 +108,8 @@ def march_shard(job: Generation, shard: Shard) -> Iterator[None]:
             path = store.frame_path(number, ".exr")
             if path.name not in store.done():
                 frame = frame or job.read_density(simulation, number)
-                flow = project_motion(view.seen(frame), view.camera, medium, frame_s=frame_s, device=job.device)
+                seen = seen or view.seen(frame)
+                flow = project_motion(seen, view.camera, medium, frame_s=frame_s, device=job.device)
                 write_exr(path, flow, FLOW_CHANNELS, _attributes(job, simulation, view, facts))
                 store.record(path, **facts)
                 yield

@@ -1,6 +1,7 @@
 """FlowNet: its parts against closed forms, and the shipped weights on translations that are known."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,19 +13,6 @@ from sixway.models.flow_warp import resized_flow, warp
 from sixway.models.flownet import CARD, SHIPPED, WEIGHTS, FlowNet, FlowNetConfig, cost_volume, load_flownet
 
 SMALL = FlowNetConfig(features=(4, 6), decoders=(8, 8), reaches_px=(1, 2))
-
-
-def puffs(*, right: float = 0.0, down: float = 0.0, height: int = 88, width: int = 96) -> Tensor:
-    """A smooth, smoke-like picture, moved by that many px; [1, 1, h, w] in about [0, 1]."""
-    generator = torch.Generator().manual_seed(4)
-    y = torch.arange(float(height))[:, None] - down
-    x = torch.arange(float(width))[None, :] - right
-    picture = torch.zeros(height, width)
-    for _ in range(25):
-        u, v, size, weight = torch.rand(4, generator=generator).tolist()
-        centre_x, centre_y, radius = (0.2 + 0.6 * u) * width, (0.2 + 0.6 * v) * height, 3.0 + 8.0 * size
-        picture = picture + weight * torch.exp(-((x - centre_x) ** 2 + (y - centre_y) ** 2) / (2.0 * radius**2))
-    return (picture / 3.0)[None, None]
 
 
 def test_the_cost_volume_peaks_at_the_shift() -> None:
@@ -61,7 +49,7 @@ def test_pairs_do_not_see_one_another() -> None:
     torch.testing.assert_close(net(first, second)[1:2], alone, rtol=1e-4, atol=1e-7)
 
 
-def test_brightness_does_not_matter() -> None:
+def test_brightness_does_not_matter(puffs: Callable[..., Tensor]) -> None:
     torch.manual_seed(0)
     net = FlowNet(SMALL)
     first, second = puffs(), puffs(right=1.0)
@@ -73,7 +61,7 @@ def test_levels_are_counted_once() -> None:
         FlowNet(FlowNetConfig(features=(4, 6), decoders=(8, 8), reaches_px=(1, 2, 2)))
 
 
-def test_the_shipped_net_is_frozen_small_and_differentiable(device: str) -> None:
+def test_the_shipped_net_is_frozen_small_and_differentiable(device: str, puffs: Callable[..., Tensor]) -> None:
     net = load_flownet().to(device)
     assert net.name == "flownet" and net.pretrained and not net.training
     assert sum(parameter.numel() for parameter in net.parameters()) <= 1_500_000
@@ -84,7 +72,9 @@ def test_the_shipped_net_is_frozen_small_and_differentiable(device: str) -> None
 
 
 @pytest.mark.parametrize("motion", [(1.0, 0.0), (0.5, -1.5), (-2.8, 2.8), (4.0, 0.0), (0.0, -6.0)])
-def test_the_shipped_net_sees_a_known_translation(motion: tuple[float, float], device: str) -> None:
+def test_the_shipped_net_sees_a_known_translation(
+    motion: tuple[float, float], device: str, puffs: Callable[..., Tensor]
+) -> None:
     first, second = puffs().to(device), puffs(right=motion[0], down=motion[1]).to(device)
     flow = load_flownet().to(device)(first, second)
     endpoint_error = (flow - flow.new_tensor(motion).reshape(1, 2, 1, 1)).norm(dim=1, keepdim=True)

@@ -12,7 +12,11 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
+
+_BLOCK = 4096
+"""Bytes that common file systems keep together."""
+_ZEROS = bytes(_BLOCK)
 
 
 @contextmanager
@@ -47,6 +51,20 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def write_with_holes(file: BinaryIO, data: bytes) -> None:
+    """Write `data`, skipping whole blocks of the file that are zero: holes read as zeros and take no disk.
+
+    After the last call the writer must `truncate` the file to its position, or a hole at the end is lost.
+    """
+    position = file.tell()
+    for start in range(-(position % _BLOCK), len(data), _BLOCK):
+        block = data[max(start, 0) : start + _BLOCK]
+        if len(block) == _BLOCK and block == _ZEROS:
+            file.seek(_BLOCK, os.SEEK_CUR)
+        else:
+            file.write(block)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -17,6 +17,7 @@ from sixway.core.store import (
     read_json_lines,
     sha256_file,
     write_text,
+    write_with_holes,
 )
 from sixway.data.manifest import MANIFEST, Group, Manifest, PackedArray, Sample, Split
 from sixway.generation.cameras import View
@@ -88,8 +89,9 @@ def _pack_group(
     for name, guide in plan.config.guides.items():
         files = [_recorded(job, plan.guide(name, s, v), f) for s, v, f in rows]
         arrays[f"guide_{name}"] = _pack_array(job, f"guide_{name}", split, files, guide.channels, camera)
-    files = [_recorded(job, plan.flow(s, v), f) for s, v, f in rows]
-    arrays["flow"] = _pack_array(job, "flow", split, files, FLOW_CHANNELS, camera)
+    if split != "train":  # evaluation alone reads it
+        files = [_recorded(job, plan.flow(s, v), f) for s, v, f in rows]
+        arrays["flow"] = _pack_array(job, "flow", split, files, FLOW_CHANNELS, camera)
     samples = tuple(
         Sample(
             simulation=simulation.name,
@@ -123,8 +125,8 @@ def _pack_array(
 ) -> PackedArray:
     """Stack EXR frames into one float16 .npy [n, c, h, w], named by the hashes of what went in.
 
-    A frame that holds the first channels only is 0 in the others. A finished array is recorded with its own hash;
-    one that differs from its record is packed anew.
+    A frame that holds the first channels only is 0 in the others. What is empty takes no disk. A finished array is
+    recorded with its own hash; one that differs from its record is packed anew.
     """
     name = f"{split}_{camera.width_px}x{camera.height_px}_{layer}"
     key = content_hash([channels, [record["sha256"] for _, record in files]])
@@ -145,7 +147,8 @@ def _pack_array(
                 held = channels_of(record, channels)
                 image = np.zeros((len(channels), camera.height_px, camera.width_px), "<f2")
                 image[: len(held)] = np.moveaxis(read_exr(frame, held, image.shape[1:]), -1, 0)
-                file.write(image.tobytes())
+                write_with_holes(file, image.tobytes())
+            file.truncate(file.tell())
         append_json_line(path.parent / INDEX, {"file": path.name, "sha256": sha256_file(path)})
         for old in path.parent.glob(f"{name}_*.npy"):
             if old != path and len(old.stem) == len(path.stem):

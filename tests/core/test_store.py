@@ -3,6 +3,7 @@
 import errno
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from sixway.core.store import (
     read_json,
     read_json_lines,
     write_json,
+    write_with_holes,
 )
 
 CHANNELS = ("right", "left", "alpha")
@@ -141,3 +143,28 @@ def test_records_refuse_what_they_cannot_mean() -> None:
         GuideMap(
             channels=("depth", "depth"), image=np.zeros((2, 2, 2), np.float32), depth_m=np.zeros((2, 2), np.float32)
         )
+
+
+@given(
+    pieces=st.lists(
+        st.tuples(st.integers(0, 3 * 4096), st.integers(0, 9000)).map(lambda sizes: bytes(sizes[0]) + b"a" * sizes[1]),
+        max_size=5,
+    )
+)
+def test_a_file_with_holes_reads_as_what_was_written(tmp_path_factory: pytest.TempPathFactory, pieces: Any) -> None:
+    path = tmp_path_factory.mktemp("holes") / "file"
+    with path.open("wb") as file:
+        for piece in pieces:
+            write_with_holes(file, piece)
+        file.truncate(file.tell())
+    assert path.read_bytes() == b"".join(pieces)
+
+
+def test_empty_blocks_take_no_disk(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    with path.open("wb") as file:
+        write_with_holes(file, b"x" + bytes(1 << 20))
+        file.truncate(file.tell())
+    if path.stat().st_blocks * 512 >= 1 << 20:
+        pytest.skip("this file system keeps no holes")
+    assert path.stat().st_size == 1 + (1 << 20)

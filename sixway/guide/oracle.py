@@ -71,7 +71,7 @@ class Fields:
         if frame.obstacle is not None:
             walls = block_peaks(frame.obstacle, BLOCK * config.mip) > 0.0
             seen = np.concatenate([boxes, block_boxes(walls, voxel_m, frame.grid)])
-        seen_low, seen_high = box_around(seen, voxel_m, frame.grid)
+        seen_low, seen_high = box_around(seen)
         return cls(
             density=density,
             emission=emission,

@@ -61,7 +61,7 @@ def upload(
     if not full.any():
         return None
     boxes = block_boxes(full, volume.voxel_m, grid)
-    low, high = box_around(boxes, volume.voxel_m, grid)
+    low, high = box_around(boxes)
     volume.to_smoke = wp.array(block_distances(full), dtype=wp.int8, device=device)
     volume.seen_low, volume.seen_high = wp.vec3(*low), wp.vec3(*high)
     volume.obstacle = wp.empty((0, 0, 0), dtype=float, device=device)
@@ -72,7 +72,7 @@ def upload(
         if walls.any():
             volume.obstacle = obstacle
             volume.to_solid = wp.array(block_distances(walls), dtype=wp.int8, device=device)
-            wall_low, wall_high = box_around(block_boxes(walls, volume.voxel_m, grid), volume.voxel_m, grid)
+            wall_low, wall_high = box_around(block_boxes(walls, volume.voxel_m, grid))
             volume.seen_low = wp.vec3(*np.minimum(low, wall_low))
             volume.seen_high = wp.vec3(*np.maximum(high, wall_high))
     return Smoke(volume=volume, boxes=boxes, low=low, high=high)
@@ -117,18 +117,17 @@ def block_distances(full: Bool[np.ndarray, "bz by bx"]) -> Int8[np.ndarray, "bz 
 
 
 def block_boxes(full: Bool[np.ndarray, "bz by bx"], voxel_m: float, grid: Grid) -> Float[np.ndarray, "n 2 3"]:
-    """Lower and upper corners (x, y, z) of full blocks [m], within the grid: the last blocks may jut out."""
+    """Lower and upper corners (x, y, z) of full blocks [m], within the grid: the last blocks may jut out.
+
+    At the grid's faces with the half voxel over which interpolation fades out: smoke that leaves through a face ends
+    there, as in the reference.
+    """
     first = np.argwhere(full)[:, ::-1]
     corners = np.stack([first, first + 1], axis=1) * (smoke_kernels.BLOCK * voxel_m)
-    return np.minimum(corners, grid.extent_m)
-
-
-def box_around(
-    boxes: Float[np.ndarray, "n 2 3"], voxel_m: float, grid: Grid
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Lower and upper corner of the box around boxes, with the half voxel beyond the grid's faces over which
-    interpolation fades out: smoke that leaves through a face ends there, as in the reference.
-    """
-    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
     extent_m = np.array(grid.extent_m)
-    return np.where(low <= 0.0, -0.5 * voxel_m, low), np.where(high >= extent_m, extent_m + 0.5 * voxel_m, high)
+    return np.where(corners <= 0.0, -0.5 * voxel_m, np.where(corners >= extent_m, extent_m + 0.5 * voxel_m, corners))
+
+
+def box_around(boxes: Float[np.ndarray, "n 2 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Lower and upper corner of the box around boxes."""
+    return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)

@@ -9,7 +9,7 @@ wp.set_module_options({"enable_backward": False})
 BLOCK = wp.constant(4)
 """Edge of a block in voxels."""
 
-LARGEST_DIFFERENCE = wp.constant(0.1)
+LARGEST_DIFFERENCE = wp.constant(0.02)
 """Pixels that differ more than this from a neighbour are marched again with more rays."""
 
 

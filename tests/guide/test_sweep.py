@@ -94,7 +94,7 @@ def test_homogeneous_cube_has_its_closed_form(device) -> None:
     sigma = 4.0
     frame = uniform_cube(96)  # density fades over the outer half voxel: fine voxels keep that small
     camera = Camera.around(frame.grid, kind="orthographic", width_px=16, height_px=16, margin=4.0)
-    config = with_options(light_grid=32, light_samples=24)
+    config = with_options(light_grid=48, light_samples=24)
     guide = GuideMarcher(config, Medium(extinction_per_m=sigma), device=device).march(frame, camera, seed=0)
     centre = np.s_[7:9, 7:9]
     assert guide["transmittance"][centre].mean() == pytest.approx(np.exp(-sigma), rel=0.03)
@@ -114,6 +114,21 @@ def test_no_smoke_is_lost_at_the_faces_of_the_box(device, lighting) -> None:
     config = GuideConfig(lights=ALL_LIGHTS, sum_lights=False, lighting=lighting, step_voxels=0.02, jitter=False)
     guide = GuideMarcher(config, Medium(extinction_per_m=3.0), device=device).march(frame, camera, seed=0)
     np.testing.assert_allclose(guide["transmittance"][7:9, 7:9], np.exp(-3.0), rtol=0.02)
+
+
+def test_light_reaches_smoke_that_fades_out_beyond_the_face_of_the_box(device) -> None:
+    """Rays along the top face of a cube of four voxels pass less smoke the higher they are, and so does the light."""
+    frame = uniform_cube(4)
+    camera = Camera.around(frame.grid, kind="orthographic", width_px=128, height_px=128, margin=4.0)
+    config = with_options(light_grid=4, light_samples=96, step_voxels=0.02, jitter=False)
+    guide = GuideMarcher(config, Medium(extinction_per_m=2.0), device=device).march(frame, camera, seed=0)
+    height_m = (63.5 - np.arange(128)) * 2.0 * camera.half_height_m / 128
+    density = np.clip((0.5 * frame.grid.extent_m[1] - height_m) / frame.grid.voxel_size_m + 0.5, 0.0, 1.0)
+    fading = (density > 0.1) & (density < 0.9)
+    assert fading.sum() >= 3
+    tau = 2.0 * frame.grid.extent_m[2] * density[fading]
+    np.testing.assert_allclose(guide["back"][fading, 64], 0.25 * tau * np.exp(-tau), rtol=0.03)
+    np.testing.assert_allclose(guide["front"][fading, 64], 0.125 * (1.0 - np.exp(-2.0 * tau)), rtol=0.03)
 
 
 def test_it_is_near_a_fine_march_and_a_finer_grid_nearer(rng, device) -> None:

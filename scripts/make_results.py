@@ -224,20 +224,8 @@ def _measured(path: Path | None, how: str, images: Path) -> str:
     if path is None:
         return f"Not run: `{how}`."
     found = read_json(path)
-    table = Table(
-        title="",
-        head=("", "value", "unit", "bound", ""),
-        rows=tuple(
-            (
-                row["name"],
-                "none" if row["value"] is None else f"{row['value']:.4g}",
-                row["unit"],
-                row["bound"],
-                "" if row["ok"] else "MISSED",
-            )
-            for row in found["rows"]
-        ),
-    )
+    rows = found["rows"]
+    table = _by_variant(rows) if all("/" in row["name"] for row in rows) else _row_by_row(rows)
     about = f"`{how}`; commit {found['commit']}, {found['hardware']}, {found['seconds']:.0f} s."
     picture = ""
     if path.with_suffix(".png").is_file():
@@ -245,6 +233,30 @@ def _measured(path: Path | None, how: str, images: Path) -> str:
         _copy_small(path.with_suffix(".png"), images / name)
         picture = f"\n\n![{path.stem}](images/{name})"
     return f"{about}{picture}\n\n{table.markdown()}"
+
+
+def _row_by_row(rows: Sequence[Mapping[str, Any]]) -> Table:
+    lines = tuple(
+        (row["name"], _number(row["value"]), row["unit"], row["bound"], "" if row["ok"] else "MISSED") for row in rows
+    )
+    return Table(title="", head=("", "value", "unit", "bound", ""), rows=lines)
+
+
+def _by_variant(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Rows named variant/quantity as one line a variant and one column a quantity."""
+    values: dict[str, dict[str, str]] = {}
+    for row in rows:
+        variant, quantity = row["name"].split("/", 1)
+        quantity = quantity.removesuffix(f"_{row['unit'].lower()}").replace("_", " ")
+        column = f"{quantity} [{row['unit']}]"
+        values.setdefault(variant, {})[column] = _number(row["value"]) + ("" if row["ok"] else " MISSED")
+    columns = list(dict.fromkeys(column for line in values.values() for column in line))
+    lines = tuple((name, *(line.get(column, "") for column in columns)) for name, line in values.items())
+    return Table(title="", head=("", *columns), rows=lines)
+
+
+def _number(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4g}"
 
 
 def _pictures(run: Path, report: Report, images: Path) -> str:

@@ -61,8 +61,7 @@ VARIANTS = PAPER_VARIANTS | {
     "once_64_16_rays": GuideConfig(**ONCE | {"pixel_samples": 16}, light_grid=64),
     "once_96_coarse": GuideConfig(**ONCE, light_grid=96, scatter_cells=4),
     "once_96": GuideConfig(**ONCE, light_grid=96),
-    "rich": GuideConfig(**SWEEP, scatter_iterations=1),
-    "fine": GuideConfig(**ONCE | {"pixel_samples": 16}, light_grid=96),
+    "rich": GuideConfig(**ONCE | {"pixel_samples": 16}, light_grid=96),
 }
 NET = UNetConfig(widths=(32, 48, 96, 160, 256), adapter_width=24)
 GUIDE = "studied"

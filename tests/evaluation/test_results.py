@@ -52,11 +52,17 @@ def test_the_page_is_made_of_reports(run: Path, tmp_path: Path, capsys: pytest.C
         {"name": "spare", "value": None, "unit": "dB", "bound": "", "ok": True},
     ]
     about = {"commit": "abc", "hardware": "two cores", "config": {}, "repetitions": 1, "seconds": 12.0}
-    write_json(tmp_path / "guides.json", {"rows": rows, **about})
+    write_json(tmp_path / "floors.json", {"rows": rows, **about})
+    curve = [
+        {"name": f"{name}/cost_ms", "value": value, "unit": "ms", "bound": "", "ok": True}
+        for name, value in (("paper", 80.0), ("rich", 92.5))
+    ] + [{"name": "rich/net_psnr_db", "value": 41.0, "unit": "dB", "bound": ">= 42", "ok": False}]
+    write_json(tmp_path / "guides.json", {"rows": curve, **about})
     Image.new("RGB", (8, 8)).save(tmp_path / "guides.png")
     out = tmp_path / "docs/results.md"
     ablation = ablated(run, tmp_path / "ablation")
-    options = ["--ablation", str(ablation), "--guides", str(tmp_path / "guides.json"), "--out", str(out)]
+    measured = [f"--{name}={tmp_path / name}.json" for name in ("guides", "floors")]
+    options = ["--ablation", str(ablation), *measured, "--out", str(out)]
     assert script("make_results").main([str(run), str(other), *options]) == 0
     page = out.read_text()
     report = read_json(run / "report_test/report.json")
@@ -68,7 +74,9 @@ def test_the_page_is_made_of_reports(run: Path, tmp_path: Path, capsys: pytest.C
     assert "| full | 2 | 40.50 (40.00 to 41.00) |  |" in page
     assert "| no flow | 2 | 38.25 (38.00 to 38.50) | -2.25 |" in page
     assert "| guide | 3.25 | ms | <= 2 | MISSED |" in page and "| spare | none | dB |  |  |" in page
-    for absent in ("study_floor_renderers", "validate_volumes", "bench_inference"):
+    assert "|  | cost [ms] | net psnr [dB] |" in page
+    assert "| paper | 80 |  |" in page and "| rich | 92.5 | 41 MISSED |" in page
+    for absent in ("validate_volumes", "bench_inference"):
         assert f"Not run: `python scripts/{absent}.py" in page
     assert "No frame of the test split burns." in page
     shown = {path.name for path in (out.parent / "images").iterdir()}

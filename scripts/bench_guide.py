@@ -58,8 +58,8 @@ VARIANTS = {
         f"sweep, 6 lights, grid {n}, scattered once": GuideConfig(**SWEEP, light_grid=n, scatter_iterations=1)
         for n in (32, 64, 96)
     },
-    "sweep, 6 lights, grid 64, scattered once, 4 rays on edges": GuideConfig(
-        **SWEEP, scatter_iterations=1, pixel_samples=4
+    "rich: sweep, 6 lights, grid 96, 24 samples, scattered once, 16 rays on edges": GuideConfig(
+        **SWEEP, light_grid=96, light_samples=24, scatter_iterations=1, pixel_samples=16
     ),
 }
 COSTS = {LITERAL: {"sum_lights": False, "step_voxels": 10.0}, DEFAULT_SWEEP: {"sum_lights": False, "lighting": "sweep"}}
@@ -152,7 +152,7 @@ def edges(result: Measurement, frame: DensityFrame) -> None:
     for size in (64, 128):
         camera = camera_of(frame, size)
         truth = tracer.trace(frame, camera, seed=0).maps
-        for rays in (1, 4):
+        for rays in (1, 4, 16):
             config = GuideConfig(**SWEEP, scatter_iterations=1, pixel_samples=rays)
             label = f"cylinder at {size}^2, sweep scattered once, {rays} rays a pixel on edges, to the reference"
             result.add(label, psnr(guide_of(config, frame, camera).image[..., :6], truth)[0], "dB")

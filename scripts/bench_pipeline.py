@@ -1,4 +1,4 @@
-"""Milliseconds of every stage on one device: simulate, guide, reference, net, ONNX Runtime, shade.
+"""Milliseconds of every stage on one device: simulate, guide, reference, the shipped net, ONNX Runtime, shade.
 
 python scripts/bench_pipeline.py --size 256 --json bench.json
 """
@@ -12,15 +12,14 @@ import torch
 import warp as wp
 from measurement import Measurement, median_seconds, parser
 
-from sixway.core.config import load_config
+from sixway.core.config import load_config, parse_config
 from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera
 from sixway.core.records import Medium
 from sixway.guide.march import GuideConfig, GuideMarcher
 from sixway.inference.onnx import export_onnx
-from sixway.inference.predict import OnnxPredictor, TorchPredictor, predict
-from sixway.models.card import NetCard
-from sixway.models.unet import SixWayUNet, UNetConfig
+from sixway.inference.predict import SHIPPED_NET, OnnxPredictor, TorchPredictor, predict
+from sixway.models.card import load_net
 from sixway.reference.lightmaps import LightmapTracer, ReferenceConfig
 from sixway.shading.compose import shade
 from sixway.shading.light import DirectionalLight
@@ -28,10 +27,11 @@ from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import SmokeSolver
 
 SCENARIO = Path(__file__).parents[1] / "configs/sim/jet.yaml"
+NET, CARD = load_net(SHIPPED_NET)
 GUIDES = {
     "paper": GuideConfig(),
     "six": GuideConfig(lights=DIRECTIONS, sum_lights=False),
-    "rich": GuideConfig(lights=DIRECTIONS, sum_lights=False, lighting="sweep", scatter_iterations=1),
+    "of the shipped net": parse_config(GuideConfig, CARD.guide, source="the shipped net's guide"),
 }
 
 
@@ -43,7 +43,9 @@ def main() -> int:
     size, repetitions = (64, 3) if chosen.quick else (chosen.size, 5)
     device = chosen.device
     wp.config.log_level = wp.LOG_WARNING
-    result = Measurement({"device": device, "size_px": size, "scenario": SCENARIO.name}, repetitions)
+    result = Measurement(
+        {"device": device, "size_px": size, "scenario": SCENARIO.name, "guide": CARD.guide}, repetitions
+    )
 
     def timed(name: str, work, wait) -> None:
         result.add(name, 1e3 * median_seconds(work, repetitions=repetitions, wait=wait), "ms")
@@ -69,29 +71,12 @@ def main() -> int:
         f"reference, {tracer.method}, paper bounces, 4 samples", lambda: tracer.trace(frame, camera, seed=0), wait_torch
     )
 
-    guide = guides["rich"]
-    net = SixWayUNet(UNetConfig(), guide_channels=guide.channels, guide_scale=4.0)
-    card = NetCard(
-        net=net.config,
-        guide_name="rich",
-        guide=GUIDES["rich"].model_dump(mode="json"),
-        guide_channels=guide.channels,
-        scale=4.0,
-        has_emissive=False,
-        medium={"extinction_per_m": 40.0, "albedo": 1.0, "hg_g": 0.0},
-        height_px=size,
-        width_px=size,
-        steps=0,
-        dataset="none",
-        dataset_sha256="",
-        loss={},
-        provenance={},
-    )
+    guide = guides["of the shipped net"]
     with tempfile.TemporaryDirectory() as folder:
-        export_onnx(net, card, Path(folder) / "net.onnx", width_px=size, height_px=size)
+        export_onnx(NET, CARD, Path(folder) / "net.onnx", width_px=size, height_px=size)
         onnx = OnnxPredictor(Path(folder) / "net.onnx", device=device)
         timed("net, ONNX Runtime", lambda: predict(onnx, guide), wait_torch)
-    torch_net = TorchPredictor(net, card, device=device)
+    torch_net = TorchPredictor(NET, CARD, device=device)
     timed("net, torch", lambda: predict(torch_net, guide), wait_torch)
     lightmap = predict(torch_net, guide)
     lights = [DirectionalLight.parse(text) for text in ("right", "0:1:1", "back")]

@@ -12,7 +12,9 @@ from sixway.shading.blend import BlendRule, blend_weights
 from sixway.shading.colour import WHITE, SmokeColour, coloured
 from sixway.shading.fire import ArtistRamp, BlackBodyRamp, fire_colour
 from sixway.shading.light import DirectionalLight, Light
-from sixway.shading.near import arriving
+from sixway.shading.near import arriving, colour_of
+from sixway.shading.slab import SmokeSlab
+from sixway.shading.slab_light import slab_light
 from sixway.shading.surface import SmokeSurface
 
 _FIRE = BlackBodyRamp()
@@ -23,7 +25,7 @@ def shade(
     lights: Sequence[Light],
     *,
     rule: BlendRule = "squared",
-    surface: SmokeSurface | None = None,
+    surface: SmokeSurface | SmokeSlab | None = None,
     visible: Sequence[Float[np.ndarray, "h w"]] | None = None,
     ambient: Ambient | None = None,
     colour: SmokeColour = WHITE,
@@ -33,7 +35,8 @@ def shade(
     """Linear RGB of the smoke on black (alpha-premultiplied), float32.
 
     Each light adds its colour * sum_i w_i M_i, dyed by `colour`; lamps, which stand in the world, take direction and
-    distance from `surface`. visible: one [h, w] picture in [0, 1] for each light, what obstacles leave of it.
+    distance from `surface`, and from a `SmokeSlab` also what smoke around them shows, should they stand inside it.
+    visible: one [h, w] picture in [0, 1] for each light, what obstacles leave of it.
     Fire adds its light: the emissive channel in the colours of the ramp `fire`, or `emissive_map`, linear RGB, in
     its place. Raises ValueError for lamps without a surface and for pictures that do not match.
     """
@@ -42,10 +45,8 @@ def shade(
         raise ValueError(f"{len(visible)} pictures of visibility for {len(lights)} lights; give one for each")
     image = np.zeros((*alpha.shape, 3), np.float32)
     for number, light in enumerate(lights):
-        to_light, shown = _arriving(light, surface)
-        weights = blend_weights(to_light, rule).astype(np.float32)
-        arrived = maps @ weights if weights.ndim == 1 else np.einsum("hwi,hwi->hw", maps, weights)
-        lit = coloured(arrived, alpha, colour) * shown.astype(np.float32)
+        arrived, shown = _arriving(light, lightmap, surface, rule)
+        lit = coloured(arrived.astype(np.float32), alpha, colour) * shown.astype(np.float32)
         image += lit if visible is None else visible[number].astype(np.float32)[..., None] * lit
     if ambient is not None:
         for number, sky in enumerate(ambient.per_direction):
@@ -58,15 +59,19 @@ def shade(
 
 
 def _arriving(
-    light: Light, surface: SmokeSurface | None
-) -> tuple[Float[np.ndarray, "*n 3"], Float[np.ndarray, "*n 3"]]:
-    """Unit vectors towards the light, camera frame, and what a white Lambertian facing it shows, RGB."""
+    light: Light, lightmap: SixWayLightmap, surface: SmokeSurface | SmokeSlab | None, rule: BlendRule
+) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "*n 3"]]:
+    """The light's map, and what a white Lambertian facing the light shows, RGB."""
     if isinstance(light, DirectionalLight):
-        return np.array(light.to_light), np.array(light.colour)
+        return lightmap.maps @ blend_weights(np.array(light.to_light), rule).astype(np.float32), np.array(light.colour)
     if surface is None:
         raise ValueError(f"{type(light).__name__} stands in the world: give `surface`, from the guide's depth")
+    if isinstance(surface, SmokeSlab):
+        arrived, strength = slab_light(light, lightmap, surface, rule)
+        return arrived, strength[..., None] * np.array(colour_of(light)) / math.pi
     to_light, irradiance = arriving(light, surface.points_m)
-    return to_light @ surface.camera.basis.T, irradiance / math.pi
+    weights = blend_weights(to_light @ surface.camera.basis.T, rule).astype(np.float32)
+    return np.einsum("hwi,hwi->hw", lightmap.maps, weights), irradiance / math.pi
 
 
 def over(

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from sixway.shading.light import LineLight, NearLight, PointLight, RectangleLight, SpotLight
+from sixway.shading.light import Colour, LineLight, NearLight, PointLight, RectangleLight, SpotLight
 
 Points = Float[np.ndarray, "*n 3"]
 Values = Float[np.ndarray, "*n"]
@@ -19,23 +19,56 @@ Arrival = tuple[Points, Values, Values]
 
 def arriving(light: NearLight, points_m: Points) -> tuple[Points, Points]:
     """Unit vectors towards the light and the RGB irradiance of a plane that faces it, world, float64."""
+    to_light, strength = strength_at(light, points_m)
+    return to_light, strength[..., None] * np.array(colour_of(light))
+
+
+def strength_at(light: NearLight, points_m: Points) -> tuple[Points, Values]:
+    """Unit vectors towards the light and what its colour is multiplied by: `arriving` of a light of colour 1."""
     points = np.asarray(points_m, np.float64)
     match light:
         case PointLight():
             to_light, strength, distance = _from_point(light.position_m, light.radius_m, points)
-            colour = light.intensity
         case SpotLight():
             to_light, strength, distance = _from_point(light.position_m, light.radius_m, points)
             strength = strength * _cone(light, to_light)
-            colour = light.intensity
         case LineLight():
             to_light, strength, distance = _from_line(light, points)
-            colour = light.intensity
         case RectangleLight():
             to_light, strength, distance = _from_rectangle(light, points)
-            colour = light.radiance
-    strength = strength * window(distance, light.range_m)
-    return to_light, strength[..., None] * np.array(colour)
+    return to_light, strength * window(distance, light.range_m)
+
+
+def colour_of(light: NearLight) -> Colour:
+    """Intensity of lamps, radiance of panels."""
+    return light.radiance if isinstance(light, RectangleLight) else light.intensity
+
+
+def nearest_point(light: NearLight, points_m: Points) -> Points:
+    """The part of the light that is nearest to each point, world, float64."""
+    points = np.asarray(points_m, np.float64)
+    match light:
+        case PointLight() | SpotLight():
+            return np.broadcast_to(np.array(light.position_m), points.shape)
+        case LineLight():
+            half = 0.5 * (np.array(light.end_m) - light.start_m)
+            middle = np.array(light.start_m) + half
+            return middle + _clamped(points - middle, half)
+        case RectangleLight():
+            offset = points - np.array(light.centre_m)
+            right, up = np.array(light.half_right_m), np.array(light.half_up_m)
+            return np.array(light.centre_m) + _clamped(offset, right) + _clamped(offset, up)
+
+
+def middle_of(light: NearLight) -> Float[np.ndarray, "3"]:
+    """The middle of the light, world."""
+    match light:
+        case PointLight() | SpotLight():
+            return np.array(light.position_m)
+        case LineLight():
+            return 0.5 * (np.array(light.start_m) + light.end_m)
+        case RectangleLight():
+            return np.array(light.centre_m)
 
 
 def window(distance_m: Values, range_m: float) -> Values:

@@ -2,8 +2,9 @@
 
 from importlib.resources import files
 
-CHAPTERS = ("blend", "near", "colour", "ambient", "shadow", "compose")
-"""Each is a file in `glsl`; they know nothing of one another, but ambient uses the maps as blend lays them out."""
+CHAPTERS = ("blend", "near", "slab", "colour", "ambient", "shadow", "compose")
+"""Each is a file in `glsl`; they know nothing of one another, but slab needs blend, and ambient takes maps laid out as
+there."""
 
 _HEAD = "#version 300 es\nprecision highp float;\nprecision highp int;\nprecision highp sampler2D;\n"
 

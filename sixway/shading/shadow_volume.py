@@ -83,7 +83,7 @@ def march_rays(
 ) -> March:
     """The camera's rays through the smoke's box, in even steps."""
     origins, towards = camera.rays()
-    points, step_m = _along(origins, towards, grid, steps)
+    points, step_m = steps_through(origins, towards, grid, steps)
     thickness = sample(sigma_t, grid, points) * step_m[..., None]
     before = np.cumsum(thickness, axis=-1) - thickness
     seen = np.exp(-before) * (1.0 - np.exp(-thickness))
@@ -121,7 +121,7 @@ def _spread(
     return march.seen * comes, np.where(comes > 1e-9, comes_lit / np.maximum(comes, 1e-9), 1.0)
 
 
-def _along(
+def steps_through(
     origins: Float[np.ndarray, "h w 3"], towards: Float[np.ndarray, "h w 3"], grid: Grid, steps: int
 ) -> tuple[Float[np.ndarray, "h w n 3"], Float[np.ndarray, "h w"]]:
     """Midpoints of even steps through the grid's bounding box, and their length [m]; 0 for rays that miss it."""

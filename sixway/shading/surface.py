@@ -29,8 +29,7 @@ class SmokeSurface:
         if not (depth_m >= 0.0).all():
             raise ValueError("depth_m must hold no NaN and nothing below 0; infinite means no smoke")
         origins, towards = camera.rays()
-        to_plane = camera.distance_m / -(towards @ np.array(camera.to_viewer))
-        depth = np.where(np.isfinite(depth_m), depth_m, to_plane)
+        depth = np.where(np.isfinite(depth_m), depth_m, target_plane_depth(camera))
         return cls(camera=camera, points_m=origins + depth[..., None] * towards)
 
     @property
@@ -38,6 +37,11 @@ class SmokeSurface:
         """Metres along each ray."""
         origins, towards = self.camera.rays()
         return ((self.points_m - origins) * towards).sum(axis=-1)
+
+
+def target_plane_depth(camera: Camera) -> Float[np.ndarray, "h w"]:
+    """Metres along each ray to the plane through the camera's target that faces it."""
+    return camera.distance_m / -(camera.rays()[1] @ np.array(camera.to_viewer))
 
 
 def project(

@@ -16,11 +16,13 @@ from sixway.core.solids import Sphere
 from sixway.shading.ambient import Ambient
 from sixway.shading.colour import SmokeColour, coloured
 from sixway.shading.compose import shade
-from sixway.shading.light import DirectionalLight, Light, LineLight, PointLight, RectangleLight, SpotLight
+from sixway.shading.light import DirectionalLight, LineLight, NearLight, PointLight, RectangleLight, SpotLight
+from sixway.shading.near import middle_of
 from sixway.shading.remap import Contrast, Remap, remap_values
 from sixway.shading.scene import composed
 from sixway.shading.shader import CHAPTERS, glsl
 from sixway.shading.shadow_map import shadow_map, visibility
+from sixway.shading.slab import SmokeSlab
 from sixway.shading.surface import SmokeSurface, project
 
 SIZE = (24, 32)
@@ -55,7 +57,16 @@ def surface() -> SmokeSurface:
     return SmokeSurface.from_depth(CAMERA, 3.15 + 0.4 * rng.random(SIZE))
 
 
-LAMPS: dict[str, Light] = {
+MEAN_M = 3.35 + 0.3 * np.random.default_rng(7).random(SIZE)
+SPREAD_M = 0.02 + 0.3 * np.random.default_rng(8).random(SIZE)
+
+
+@pytest.fixture(scope="module")
+def slab(maps: SixWayLightmap) -> SmokeSlab:
+    return SmokeSlab.from_moments(CAMERA, maps["alpha"], MEAN_M, SPREAD_M, albedo=0.8)
+
+
+LAMPS: dict[str, NearLight] = {
     "point": PointLight(position_m=(0.1, 0.2, 0.05), intensity=(0.3, 0.2, 0.1), range_m=0.9, radius_m=0.05),
     "spot": SpotLight(
         position_m=(1.0, 0.5, 0.2), towards=(-0.8, -0.6, 0.0), intensity=(2.0, 1.0, 3.0), cutoff_deg=25.0, beam_deg=5.0
@@ -71,7 +82,7 @@ LAMPS: dict[str, Light] = {
 }
 
 
-def call_of(light: Light) -> tuple[str, tuple[float, float, float]]:
+def call_of(light: NearLight) -> tuple[str, tuple[float, float, float]]:
     """The shader's call for a lamp, and its colour."""
     match light:
         case PointLight(position_m=at, intensity=colour):
@@ -90,7 +101,7 @@ def call_of(light: Light) -> tuple[str, tuple[float, float, float]]:
     raise AssertionError(light)
 
 
-def lamp_shader(light: Light) -> str:
+def lamp_shader(light: NearLight) -> str:
     call, colour = call_of(light)
     to_camera = ", ".join(vec(column) for column in CAMERA.basis.T)
     return (
@@ -106,6 +117,69 @@ def lamp_shader(light: Light) -> str:
   colour = vec4(multiplied(lit * strength / PI, {vec(colour)}), plus.a);
 }}"""
     )
+
+
+def slab_shader(light: NearLight, mean: float) -> str:
+    """A lamp in slabs whose moments are in the texture depths; rays are in the texture surface.
+
+    mean: extinction of the picture.
+    """
+    call, colour = call_of(light)
+    to_camera = ", ".join(vec(column) for column in CAMERA.basis.T)
+    u, v = project(CAMERA, middle_of(light)[None])[0][0]
+    corner = f"ivec2({math.floor(u - 0.5)}, {math.floor(v - 0.5)})"
+    part = vec(((u - 0.5) % 1.0, (v - 0.5) % 1.0))
+    return (
+        glsl("blend", "near", "slab", "colour")
+        + _SAMPLERS
+        + """
+Slab slab_at(ivec2 at, out float alpha) {
+  alpha = texelFetch(positive, at, 0).a;
+  vec2 moments = texelFetch(depths, at, 0).xy;
+  return slab_from(alpha, moments.x, moments.y);
+}
+vec2 lamp_at(ivec2 at) {
+  ivec2 size = textureSize(positive, 0);
+  if (any(lessThan(at, ivec2(0))) || any(greaterThanEqual(at, size))) return vec2(0.0);
+  float alpha;
+  Slab slab = slab_at(at, alpha);
+  return alpha * vec2(1.0, slab.optical_depth / slab.thickness_m);
+}
+"""
+        + _HEAD
+        + _MAPS
+        + f"""
+  ivec2 corner = {corner};
+  vec2 part = {part};
+  vec2 above = mix(lamp_at(corner), lamp_at(corner + ivec2(1, 0)), part.x);
+  vec2 below = mix(lamp_at(corner + ivec2(0, 1)), lamp_at(corner + ivec2(1, 1)), part.x);
+  float alpha, at_m, strength, lit = 0.0;
+  Slab slab = slab_at(at, alpha);
+  float at_lamp = extinction_at_lamp(mix(above, below, part.y), {number(mean)});
+  float extinction = extinction_to(slab, alpha, at_lamp);
+  vec3 towards = texelFetch(surface, at, 0).xyz, origin = {vec(CAMERA.position_m)}, shares, to_light;
+  vec3 focus = {focus_of(light, "origin + (slab.begins_m + 0.5 * slab.thickness_m) * towards")};
+  for (int n = 0; n < SLAB_STEPS; ++n) {{
+    slab_step(slab, origin, towards, focus, n, at_m, shares);
+    vec3 p = origin + at_m * towards;
+    {call};
+    float depth = extinction * distance(p, {focus_of(light, "p")});
+    lit += strength * slab_light(plus.rgb, minus, alpha, shares, mat3({to_camera}) * to_light, SQUARED, depth, 0.8);
+  }}
+  colour = vec4(multiplied(lit / PI, {vec(colour)}), alpha);
+}}"""
+    )
+
+
+def focus_of(light: NearLight, point: str) -> str:
+    """The shader's expression for the part of the light that is nearest to a point."""
+    match light:
+        case LineLight(start_m=start, end_m=end):
+            return f"nearest_on_line({point}, {vec(start)}, {vec(end)})"
+        case RectangleLight(centre_m=at, half_right_m=right, half_up_m=up):
+            return f"nearest_on_rectangle({point}, {vec(at)}, {vec(right)}, {vec(up)})"
+        case _:
+            return vec(light.position_m)
 
 
 def sun_shader(to_light, rule: str) -> str:
@@ -174,7 +248,9 @@ def compose_shader() -> str:
 
 
 @pytest.fixture(scope="module")
-def drawn(maps: SixWayLightmap, surface: SmokeSurface, tmp_path_factory: pytest.TempPathFactory) -> Callable:
+def drawn(
+    maps: SixWayLightmap, surface: SmokeSurface, slab: SmokeSlab, tmp_path_factory: pytest.TempPathFactory
+) -> Callable:
     """All shaders of this file, drawn by one process."""
     ordered = [DIRECTIONS.index(name) for name in ("right", "top", "front", "left", "bottom", "back")]
     six, alpha = maps.maps[..., ordered], maps["alpha"][..., None]
@@ -187,19 +263,25 @@ def drawn(maps: SixWayLightmap, surface: SmokeSurface, tmp_path_factory: pytest.
         "depths": np.concatenate([finite] * 4, axis=-1),
     }
     in_map = np.concatenate([pixels, depth[..., None], alpha], axis=-1)
+    rays = np.concatenate([CAMERA.rays()[1], alpha], axis=-1)
+    moments = np.stack([MEAN_M, SPREAD_M, MEAN_M, MEAN_M], axis=-1)
     touching = np.stack([SMOKE_M, SCENE_M, SMOKE_M, SMOKE_M], axis=-1)
     shaders = {f"sun {n} {rule}": sun_shader(sun, rule) for n, sun in enumerate(SUNS) for rule in RULES}
     shaders |= {name: lamp_shader(light) for name, light in LAMPS.items()}
+    mean = float((maps["alpha"] * slab.extinction_per_m).sum() / maps["alpha"].sum())
+    shaders |= {f"slab {name}": slab_shader(light, mean) for name, light in LAMPS.items()}
     shaders |= {f"absorbing {s}": absorbing_shader(RGB, s) for s in (0.0, 0.6)}
     shaders |= {"ambient": ambient_shader(), "remap": remap_shader(), "all": glsl() + _SAMPLERS + _HEAD + "}"}
     shaders |= {f"shadow {s}": shadow_shader(s) for s in (0.0, 0.1)} | {"compose": compose_shader()}
     jobs: dict[str, np.ndarray] = {}
     for name, source in shaders.items():
         jobs |= {f"{name}/source": np.array(source), f"{name}/size": np.array(SIZE)}
-        own = {"shadow": in_map, "compose": touching}.get(name.split()[0], textures["surface"])
+        own = {"shadow": in_map, "compose": touching, "slab": rays}.get(name.split()[0], textures["surface"])
         used = {key: value for key, value in (textures | {"surface": own}).items() if f"texelFetch({key}" in source}
         if name.startswith("shadow"):
             used["depths"] = textures["depths"]
+        if name.startswith("slab"):
+            used["depths"] = moments
         jobs |= {f"{name}/texture/{key}": value.astype(np.float32) for key, value in used.items()}
     home = tmp_path_factory.mktemp("gles")
     np.savez(home / "jobs.npz", **jobs)
@@ -233,6 +315,13 @@ def test_lamps(drawn: Callable, maps: SixWayLightmap, surface: SmokeSurface, lam
     expected = shade(maps, [LAMPS[lamp]], surface=surface)
     assert 0.05 < expected.max()
     np.testing.assert_allclose(drawn(lamp)[..., :3], expected, atol=0.1 * WITHIN, rtol=1e-3)
+
+
+@pytest.mark.parametrize("lamp", LAMPS)
+def test_lamps_in_smoke(drawn: Callable, maps: SixWayLightmap, slab: SmokeSlab, lamp: str) -> None:
+    expected = shade(maps, [LAMPS[lamp]], surface=slab)
+    assert 0.05 < expected.max()
+    np.testing.assert_allclose(drawn(f"slab {lamp}")[..., :3], expected, atol=0.1 * WITHIN, rtol=2e-3)
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.6])

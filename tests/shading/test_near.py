@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sixway.shading.light import DirectionalLight, LineLight, PointLight, RectangleLight, SpotLight
-from sixway.shading.near import arriving
+from sixway.shading.near import arriving, middle_of, nearest_point
 
 WHITE, ORIGIN = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 POINTS = np.array([[0.0, 0.0, 0.0], [0.5, -0.3, 0.8], [-1.2, 0.4, 0.3], [0.1, 1.4, -0.2]])
@@ -89,6 +89,20 @@ def test_a_panel_is_dark_behind_and_half_the_sky_close_by() -> None:
     assert irradiance[1, 0] == pytest.approx(2.0 * math.pi, rel=1e-4)
     assert irradiance[2, 0] == pytest.approx(4.0 * math.asin(1.0 / 2.0), rel=1e-9)  # side 2 seen from distance 1
     np.testing.assert_allclose(to_light[1:], [[0, 0, -1], [0, 0, -1]], atol=1e-9)
+
+
+def test_the_nearest_part_of_a_light_lies_on_it() -> None:
+    line = LineLight(start_m=(-1.0, 0.5, 0.0), end_m=(1.0, 0.5, 0.0), intensity=WHITE)
+    places = np.array([[0.3, 2.0, 1.0], [5.0, 0.0, 0.0]])
+    np.testing.assert_allclose(nearest_point(line, places), [[0.3, 0.5, 0.0], [1.0, 0.5, 0.0]], atol=1e-12)
+    panel = RectangleLight(
+        centre_m=(0.0, 0.5, 1.0), half_right_m=(2.0, 0.0, 0.0), half_up_m=(0.0, 0.5, 0.0), radiance=WHITE
+    )
+    np.testing.assert_allclose(nearest_point(panel, places), [[0.3, 1.0, 1.0], [2.0, 0.0, 1.0]], atol=1e-12)
+    lamp = PointLight(position_m=(0.1, 0.2, 0.3), intensity=WHITE)
+    np.testing.assert_allclose(nearest_point(lamp, places), [[0.1, 0.2, 0.3]] * 2)
+    middles = [middle_of(light) for light in (line, panel, lamp)]
+    np.testing.assert_allclose(middles, [[0.0, 0.5, 0.0], [0.0, 0.5, 1.0], [0.1, 0.2, 0.3]])
 
 
 @pytest.mark.parametrize("kind", ["point", "spot", "line", "rectangle"])

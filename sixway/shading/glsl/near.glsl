@@ -60,6 +60,16 @@ vec3 along_edge(vec3 centre, vec3 half_edge) {
   return clamp(dot(centre, half_edge) / dot(half_edge, half_edge), -1.0, 1.0) * half_edge;
 }
 
+// The part of a lamp that is nearest to a point.
+vec3 nearest_on_line(vec3 point, vec3 start, vec3 end) {
+  vec3 half_line = 0.5 * (end - start), middle = start + half_line;
+  return middle + along_edge(point - middle, half_line);
+}
+
+vec3 nearest_on_rectangle(vec3 point, vec3 centre, vec3 half_right, vec3 half_up) {
+  return centre + along_edge(point - centre, half_right) + along_edge(point - centre, half_up);
+}
+
 // radiance; half_right and half_up from the centre to the middles of two edges, right x up is where it shines
 void from_rectangle(vec3 point, vec3 centre, vec3 half_right, vec3 half_up, float range_m, out vec3 to_light,
                     out float strength) {

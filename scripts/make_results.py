@@ -124,7 +124,7 @@ def _runs(reports: Mapping[str, Report], folders: Sequence[Path]) -> str:
             (
                 name,
                 f"{report['guide']} ({len(report['guide_channels'])} channels)",
-                str(report["steps"]),
+                f"{_planned_steps(report)}" + (f", the net of step {report['steps']}" if _is_best(report) else ""),
                 "" if pairs is None else f"{2 * pairs}",
                 settings.get("precision", ""),
                 weights,
@@ -135,7 +135,8 @@ def _runs(reports: Mapping[str, Report], folders: Sequence[Path]) -> str:
             )
         )
     commands = [
-        f"python -m sixway.train {folder}/config.yaml --run-dir {folder}\npython -m sixway.evaluate {folder}"
+        f"python -m sixway.train {folder}/config.yaml --run-dir {folder}\n"
+        f"python -m sixway.evaluate {folder}{' --best' if _is_best(reports[folder.name]) else ''}"
         for folder in folders
     ]
     first = next(iter(reports.values()))
@@ -150,6 +151,17 @@ def _runs(reports: Mapping[str, Report], folders: Sequence[Path]) -> str:
     )
     table = Table(title="Runs", head=head, rows=tuple(rows))
     return f"{table.markdown()}\n\n{note}\n\n```bash\n" + "\n".join(commands) + "\n```"
+
+
+def _planned_steps(report: Report) -> int:
+    """Steps of the whole run; those of the net where that is not recorded."""
+    steps: int = report["training"].get("config", {}).get("train", {}).get("steps", report["steps"])
+    return steps
+
+
+def _is_best(report: Report) -> bool:
+    """Whether the net is that of the best validation, before the last step."""
+    return bool(report["steps"] < _planned_steps(report))
 
 
 def _weighs(part: Any) -> bool:

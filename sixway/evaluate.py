@@ -14,7 +14,7 @@ from sixway.evaluation.compare import compare
 from sixway.evaluation.tables import both
 from sixway.inference.predict import load_predictor
 from sixway.models.card import CARD
-from sixway.training.loop import CONFIG, TrainConfig
+from sixway.training.loop import BEST, CONFIG, TrainConfig
 
 RECORD = "run.json"
 
@@ -24,10 +24,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m sixway.evaluate",
         description="PSNR, MSE, SSIM and FLIP of a run beside what needs no net, as JSON, HTML and pictures.",
-        epilog="example: python -m sixway.evaluate runs/tiny; one core takes about 1 s a frame of 128 x 128",
+        epilog="example: python -m sixway.evaluate runs/tiny --best; one core takes about 1 s a frame of 128 x 128",
     )
     parser.add_argument("run_dir", type=Path, help="folder of a trained run, or an .onnx file with --data and --out")
     parser.add_argument("--data", type=Path, help="dataset folder (default: the one it was trained on)")
+    parser.add_argument("--best", action="store_true", help="the net of the best validation instead of the last step's")
     parser.add_argument("--split", choices=("test", "val", "train"), default="test")
     parser.add_argument("--out", type=Path, help="folder of the report (default: RUN_DIR/report_SPLIT)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
@@ -42,7 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     if options.perceived_every < 1:
         raise ValueError(f"--perceived-every {options.perceived_every} must be at least 1, which is every pair")
-    predictor = load_predictor(options.run_dir, device=options.device)
+    if options.best and options.run_dir.is_file():
+        raise ValueError(f"{options.run_dir}: --best chooses a net of a run's folder; an ONNX file holds one net")
+    predictor = load_predictor(options.run_dir / BEST if options.best else options.run_dir, device=options.device)
     training = _training(options.run_dir)
     if options.run_dir.is_file() and not (options.data and options.out):
         raise ValueError(f"{options.run_dir}: of an ONNX file name the dataset with --data and the report with --out")

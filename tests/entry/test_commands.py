@@ -151,6 +151,15 @@ def test_evaluate_scores_the_split_asked_for(run: Callable, trained_run: Path, t
     assert (tmp_path / "val/report.html").is_file()
 
 
+def test_evaluate_scores_the_best_net_on_request(run: Callable, trained_run: Path, tmp_path: Path) -> None:
+    run("evaluate", trained_run, "--best", "--split", "val", "--out", tmp_path / "best")
+    best = json.loads((trained_run / "best/model.json").read_text())
+    assert json.loads((tmp_path / "best/report.json").read_text())["steps"] == best["steps"]
+    onnx = tmp_path / "net.onnx"
+    onnx.touch()
+    assert "--best chooses a net of a run" in run("evaluate", onnx, "--best").error
+
+
 def test_evaluate_names_what_is_missing(run: Callable, trained_run: Path, tmp_path: Path) -> None:
     assert "holds no trained net" in run("evaluate", tmp_path).error
     told = run("evaluate", trained_run, "--data", tmp_path / "none", "--out", tmp_path / "out").error

@@ -12,14 +12,17 @@ import warp as wp
 
 from sixway.core.color import encode_srgb
 from sixway.core.command import status_of
-from sixway.core.frames import parse_size
+from sixway.core.frames import Grid, parse_size
 from sixway.core.png import to_8bit, write_png
 from sixway.core.progress import track
 from sixway.core.store import claim_folder, content_hash
 from sixway.core.video import write_video
 from sixway.inference.bake import LightmapBaker
+from sixway.inference.obstacles import Obstacles, Shadows
 from sixway.inference.predict import SHIPPED_NET, load_predictor
+from sixway.inference.remap_notation import parse_remap
 from sixway.inference.sequence import Path1D, Shot, camera_of, render
+from sixway.inference.solid_notation import SOLID_FORMS, mesh_file, parse_solid
 from sixway.shading.blend import BlendRule
 from sixway.shading.colour import SmokeColour
 from sixway.shading.notation import LIGHT_FORMS, parse_light, parse_rgb
@@ -86,6 +89,19 @@ def _parser() -> argparse.ArgumentParser:
     add("--fps", type=int, default=24, help="of a video (default: 24)")
     add("--device", default="cpu", help="cpu or cuda (default: cpu)")
     add("--dry-run", action="store_true", help="say what would be rendered, render nothing")
+    add = parser.add_argument_group("solids, which shadow the smoke and hide what is behind them").add_argument
+    add("--solid", action="append", help=f"{SOLID_FORMS}; in radii of the volume around its centre; may be repeated")
+    add("--solid-colour", default="0,0,0", help="linear R,G,B, the same all over (default: black)")
+    add("--shadows", choices=get_args(Shadows), default="march", help="through the smoke, or on its shell (rough)")
+    add("--shadow-softness", type=float, default=0.0, metavar="S", help="blur of shadows, in radii (default: 0)")
+    add("--soft-particles", type=float, metavar="S", help="fade into solids over S radii, as sprites in an engine do")
+    about = "curves, on maps divided by alpha, 1 being as bright as the net's brightest, as textures hold them"
+    add = parser.add_argument_group(about).add_argument
+    add("--map-range", metavar="A:B", help="values that become 0 and 1; beyond them is cut off")
+    add("--map-contrast", metavar="I[:PIVOT]", help="-5 to 5, around PIVOT (default: 0.5); cuts off at 1")
+    add("--map-curve", metavar="V:R,V:R,...", help="value V becomes R, straight lines in between; instead of contrast")
+    add("--map-to", metavar="A:B", help="what 0 and 1 become in the end")
+    add("--alpha-curve", metavar="V:R,V:R,...", help="alpha V becomes R; the maps follow")
     return parser
 
 
@@ -117,14 +133,17 @@ def _run(options: argparse.Namespace) -> int:
     if suffix == ".mp4" and min(width, height) < 2:
         raise ValueError(f"--size {width}x{height}: a video needs sides of at least 2 px")
     for number in (0, shot.num_pictures - 1):
-        camera_of(shot, number)  # a view that cannot be is told of before anything is rendered
+        camera = camera_of(shot, number)  # a view that cannot be is told of before anything is rendered
+        if shot.obstacles is not None:
+            shot.obstacles.check(shot.lights, shot.sequence.grid, camera)
     if options.dry_run:
         print(f"dry run: nothing was written to {options.output}")
         return 0
     baker = LightmapBaker(predictor, extinction_per_m=extinction, device=options.device)
     numbers = list(range(shot.num_pictures))
     if suffix == "":
-        inputs = [*volumes, *([options.environment] if options.environment else [])]
+        meshes = [path for path in map(mesh_file, options.solid or []) if path is not None]
+        inputs = [*volumes, *([options.environment] if options.environment else []), *meshes]
         files = [(stat.st_size, stat.st_mtime_ns) for stat in (path.stat() for path in inputs)]
         made_by = content_hash([repr(asdict(shot)), files, extinction, repr(card)])
         _write_folder(options.output, shot, baker, made_by=made_by)
@@ -174,6 +193,31 @@ def _shot(options: argparse.Namespace, sequence: VolumeSequence, width: int, hei
         margin=options.margin,
         colour=_smoke_colour(options),
         environment=read_environment(options.environment) if options.environment else None,
+        remap=parse_remap(
+            low_high=options.map_range,
+            contrast=options.map_contrast,
+            curve=options.map_curve,
+            to=options.map_to,
+            alpha=options.alpha_curve,
+        ),
+        obstacles=_obstacles(options, sequence.grid),
+    )
+
+
+def _obstacles(options: argparse.Namespace, grid: Grid) -> Obstacles | None:
+    if not options.solid:
+        return None
+    softness, fade = options.shadow_softness, options.soft_particles
+    if not 0.0 <= softness < float("inf"):
+        raise ValueError(f"--shadow-softness {softness} must be finite and not negative")
+    if fade is not None and not 0.0 < fade < float("inf"):
+        raise ValueError(f"--soft-particles {fade} must be positive and finite; leave it out for what is behind alone")
+    return Obstacles(
+        solids=tuple(parse_solid(text, grid, up=options.up) for text in options.solid),
+        shadows=options.shadows,
+        softness_m=softness * grid.radius_m,
+        fade_m=None if fade is None else fade * grid.radius_m,
+        colour=parse_rgb(options.solid_colour, name="--solid-colour"),
     )
 
 

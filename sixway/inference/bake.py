@@ -15,7 +15,8 @@ from sixway.inference.predict import Predictor, predict
 class LightmapBaker:
     """Predicts lightmaps for frame after frame of one kind of smoke.
 
-    extinction_per_m: how dense the smoke is to be; albedo and anisotropy are those of the training.
+    extinction_per_m: how dense the smoke is to be; albedo and anisotropy are those of the training. medium: all three.
+    scale: factor that brings map values to about 1, as nets answer and textures hold them.
     Raises ConfigError if the net's guide cannot be marched by this version, ValueError if its card is incomplete.
     """
 
@@ -25,9 +26,10 @@ class LightmapBaker:
         missing = {"albedo", "hg_g"} - card.medium.keys()
         if missing:
             raise ValueError(f"the net's card does not tell the medium's {sorted(missing)}; export or train it again")
-        medium = Medium(extinction_per_m=extinction_per_m, albedo=card.medium["albedo"], hg_g=card.medium["hg_g"])
+        self.medium = Medium(extinction_per_m=extinction_per_m, albedo=card.medium["albedo"], hg_g=card.medium["hg_g"])
+        self.scale = card.scale
         self._predictor = predictor
-        self._marcher = GuideMarcher(config, medium, device=device, threads=os.cpu_count() or 1)
+        self._marcher = GuideMarcher(config, self.medium, device=device, threads=os.cpu_count() or 1)
 
     def bake(self, frame: DensityFrame, camera: Camera, *, seed: int) -> SixWayLightmap:
         """Six maps and alpha of one frame as `camera` sees it, linear, M = pi L / E."""

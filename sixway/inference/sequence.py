@@ -6,13 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera
+from sixway.core.records import DensityFrame, SixWayLightmap
 from sixway.inference.bake import LightmapBaker
+from sixway.inference.obstacles import Obstacles
 from sixway.shading.ambient import Ambient
 from sixway.shading.blend import BlendRule
 from sixway.shading.colour import WHITE, SmokeColour
 from sixway.shading.compose import over, shade
-from sixway.shading.light import Light
+from sixway.shading.light import DirectionalLight, Light
+from sixway.shading.remap import Remap, remapped
+from sixway.shading.slab import SmokeSlab
 from sixway.shading.surface import SmokeSurface
 from sixway.shading.turn import turned
 from sixway.volumes.sequence import VolumeSequence
@@ -50,7 +55,9 @@ class Path1D:
 class Shot:
     """What to render. sequence: one volume, or one a picture. exposure: factor on the shaded light.
 
-    environment: lat-long picture of the sky around, linear, or None; it lights the smoke and is not seen.
+    environment: lat-long picture of the sky around, linear, or None; it lights the smoke and is not seen. remap: curves
+    on the maps (at the net's brightness scale, as textures hold them) and alpha. obstacles: solids among the smoke;
+    lights turn around them.
     """
 
     sequence: VolumeSequence
@@ -67,6 +74,8 @@ class Shot:
     margin: float
     colour: SmokeColour = WHITE
     environment: Float[np.ndarray, "h w 3"] | None = None
+    remap: Remap | None = None
+    obstacles: Obstacles | None = None
 
 
 def render(shot: Shot, baker: LightmapBaker, numbers: list[int]) -> Iterator[tuple[int, Float[np.ndarray, "h w 3"]]]:
@@ -78,19 +87,45 @@ def render(shot: Shot, baker: LightmapBaker, numbers: list[int]) -> Iterator[tup
         if frame is None or held != min(number, last):
             held = min(number, last)
             frame = shot.sequence.read(held)
-        camera = camera_of(shot, number)
-        lightmap, depth_m = baker.bake_with_depth(frame, camera, seed=0)
-        turn = shot.light_turn_deg.at(number, shot.num_pictures)
-        sky = shot.environment
-        smoke = shot.exposure * shade(
-            lightmap,
-            [turned(light, turn, camera) for light in shot.lights],
-            rule=shot.rule,
-            surface=SmokeSurface.from_depth(camera, depth_m),
-            ambient=None if sky is None else Ambient.from_environment(sky, camera.basis, rule=shot.rule),
-            colour=shot.colour,
-        )
-        yield number, over(smoke, lightmap["alpha"], background)
+        yield number, _picture(shot, baker, frame, number, background)
+
+
+def _picture(
+    shot: Shot, baker: LightmapBaker, frame: DensityFrame, number: int, background: Float[np.ndarray, "h w 3"]
+) -> Float[np.ndarray, "h w 3"]:
+    camera = camera_of(shot, number)
+    lightmap, depth_m = baker.bake_with_depth(frame, camera, seed=0)
+    surface = SmokeSurface.from_depth(camera, depth_m)
+    turn = shot.light_turn_deg.at(number, shot.num_pictures)
+    lights = [turned(light, turn, camera) for light in shot.lights]
+    has_lamps = any(not isinstance(light, DirectionalLight) for light in lights)
+    visible = None
+    if shot.obstacles is not None:
+        visible = [
+            shot.obstacles.left(light, lightmap, surface, frame, baker.medium, rule=shot.rule) for light in lights
+        ]
+    if shot.remap is not None:
+        lightmap = brightened(remapped(brightened(lightmap, baker.scale), shot.remap), 1.0 / baker.scale)
+    sky = shot.environment
+    smoke = shot.exposure * shade(
+        lightmap,
+        lights,
+        rule=shot.rule,
+        surface=SmokeSlab.from_frame(frame, baker.medium, camera) if has_lamps else surface,
+        visible=visible,
+        ambient=None if sky is None else Ambient.from_environment(sky, camera.basis, rule=shot.rule),
+        colour=shot.colour,
+    )
+    if shot.obstacles is None:
+        return over(smoke, lightmap["alpha"], background)
+    return shot.obstacles.among(smoke, lightmap["alpha"], depth_m, frame, camera, background)
+
+
+def brightened(lightmap: SixWayLightmap, factor: float) -> SixWayLightmap:
+    """The six maps times a factor; alpha and emissive stay."""
+    image = lightmap.image.copy()
+    image[..., : len(DIRECTIONS)] *= np.float32(factor)
+    return SixWayLightmap(channels=lightmap.channels, image=image)
 
 
 def camera_of(shot: Shot, number: int) -> Camera:

@@ -45,7 +45,7 @@ def shade(
         raise ValueError(f"{len(visible)} pictures of visibility for {len(lights)} lights; give one for each")
     image = np.zeros((*alpha.shape, 3), np.float32)
     for number, light in enumerate(lights):
-        arrived, shown = _arriving(light, lightmap, surface, rule)
+        arrived, shown = map_of(light, lightmap, surface, rule)
         lit = coloured(arrived.astype(np.float32), alpha, colour) * shown.astype(np.float32)
         image += lit if visible is None else visible[number].astype(np.float32)[..., None] * lit
     if ambient is not None:
@@ -58,10 +58,13 @@ def shade(
     return image
 
 
-def _arriving(
+def map_of(
     light: Light, lightmap: SixWayLightmap, surface: SmokeSurface | SmokeSlab | None, rule: BlendRule
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "*n 3"]]:
-    """The light's map, and what a white Lambertian facing the light shows, RGB."""
+    """The maps weighted for one light, and what a white Lambertian facing the light shows, RGB.
+
+    Raises ValueError for a lamp without a surface.
+    """
     if isinstance(light, DirectionalLight):
         return lightmap.maps @ blend_weights(np.array(light.to_light), rule).astype(np.float32), np.array(light.colour)
     if surface is None:

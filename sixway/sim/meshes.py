@@ -22,9 +22,12 @@ class Surface:
     """A triangle mesh, moved and scaled so that its bounds are centred on 0 and their longest edge is 1.
 
     vertices: [v, 3] float64. faces: [f, 3] corners, counter-clockwise seen from outside. path: where it came from.
+    centre, edge: middle and longest edge of its bounds in that file.
     """
 
     path: Path
+    centre: Float[np.ndarray, "3"]
+    edge: float
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
 
@@ -112,7 +115,7 @@ def _read(name: str, modified_ns: int, size: int) -> Surface:
     faces = merged.reshape(-1)[faces].astype(np.int32)  # .stl repeats each vertex in every triangle
     if _volume(vertices[faces]) < 0.0:
         faces = faces[:, ::-1].copy()  # inside out
-    return Surface(path=path, vertices=vertices, faces=faces)
+    return Surface(path=path, centre=0.5 * (low + high), edge=longest, vertices=vertices, faces=faces)
 
 
 def _parse(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,8 @@ from sixway.volumes.vol import read_vol
 Up = Literal["y", "z"]
 _FIRE_BY_NAME = EmissionRule()
 READABLE = (".vdb", ".nvdb", ".vol", ".npz", ".npy", ".pbrt")
+CHECKPOINT = "checkpoint.npz"
+"""What a simulation leaves among its frames to go on from: no volume."""
 
 
 def read_volume(
@@ -84,14 +86,17 @@ def _check_exists(path: Path) -> None:
 def find_volumes(pattern: str) -> list[Path]:
     """The files that a path, a folder or a glob pattern names, in order of name.
 
+    The state of a simulation is passed over, and of frames that a folder holds in several formats one is taken.
     Raises FileNotFoundError if there are none.
     """
     path = Path(pattern)
     if path.is_dir():
-        found = [p for p in path.iterdir() if p.suffix.lower() in READABLE]
+        readable = (p for p in path.iterdir() if p.suffix.lower() in READABLE)
+        by_format = sorted(readable, key=lambda p: p.suffix.lower() == ".npz")  # last: it alone holds wind and solids
+        found = list({p.stem: p for p in by_format}.values())
     else:
         found = [Path(name) for name in glob.glob(pattern)] or [path]
-    found = sorted(p for p in found if p.is_file())
+    found = sorted(p for p in found if p.is_file() and (p == path or p.name != CHECKPOINT))
     if not found:
         known = " ".join(READABLE)
         raise FileNotFoundError(f"{pattern}: no volume matches; give a file ({known}), a folder or a pattern")

@@ -11,13 +11,23 @@ from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.exr import read_exr, read_exr_attributes
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
+from sixway.generation.simulation import CHECKPOINT
 from sixway.shading.fire import ArtistRamp, fire_colour
 from sixway.shading.sheet import lightmap_sheet
+from sixway.simulate import main as simulate
 from sixway.volumes.npz import write_npz
 
 JET = Path(__file__).parents[1] / "data/jet.npz"
 CHANNELS = LIGHTMAP_CHANNELS[:-1]
 SMALL = ("--resolution", "20x16", "--samples", "1")
+PUFF = """\
+name: puff
+resolution: {cells: 12, refinement: 2}
+frames: 2
+warmup_frames: 2
+inlets:
+  - {centre_m: [0.0, -0.5, 0.0], radius_m: 0.15}
+"""
 
 
 def bake(*arguments: object) -> int:
@@ -62,6 +72,22 @@ def test_a_sequence_is_framed_once_and_resumes(wandering: Path, tmp_path: Path) 
     assert bake(*arguments) == 0
     assert [file.stat().st_mtime_ns != old[file] for file in files] == [False, True, False]
     np.testing.assert_array_equal(read_exr(files[1], ("alpha",))[..., 0], alphas[1])
+
+
+def test_the_folder_of_a_simulation_is_baked_frame_by_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Beside its frames, each in two formats here, it holds the state that the simulation goes on from."""
+    (tmp_path / "puff.yaml").write_text(PUFF)
+    folder, out = tmp_path / "puff", tmp_path / "maps"
+    arguments = ["--out", str(folder), "--format", "npz", "nvdb", "--checkpoint-every", "1", "--no-strip"]
+    assert simulate([str(tmp_path / "puff.yaml"), *arguments]) == 0
+    assert (folder / CHECKPOINT).is_file()
+    assert bake(folder, "--out", out, "--bounces", "single", "--motion", *SMALL) == 0
+    assert "2 volume(s)" in capsys.readouterr().out
+    assert [path.name for path in sorted(out.glob("*.exr"))] == ["frame_0000.exr", "frame_0001.exr"]
+    named = tmp_path / "named"
+    assert bake(folder / "frame_*.npz", "--out", named, "--bounces", "single", "--motion", *SMALL) == 0
+    for name in ("frame_0000.exr", "frame_0001.exr"):
+        np.testing.assert_array_equal(read_exr(out / name, CHANNELS), read_exr(named / name, CHANNELS))
 
 
 def test_other_settings_bake_anew(tmp_path: Path) -> None:

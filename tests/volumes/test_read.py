@@ -68,6 +68,17 @@ def test_unknown_and_missing_files_say_so(tmp_path: Path) -> None:
         find_volumes(str(tmp_path / "*.npz"))
 
 
+def test_a_folder_of_a_simulation_holds_each_frame_once_and_no_checkpoint(tmp_path: Path) -> None:
+    for name in ("frame_0000.npz", "frame_0000.vdb", "frame_0001.nvdb", "frame_0001.npz", "checkpoint.npz"):
+        (tmp_path / name).touch()
+    (tmp_path / "frame_0002.vdb").touch()
+    expected = ["frame_0000.npz", "frame_0001.npz", "frame_0002.vdb"]
+    assert [path.name for path in find_volumes(str(tmp_path))] == expected
+    assert [path.name for path in find_volumes(str(tmp_path / "*.npz"))] == expected[:2]
+    assert [path.name for path in find_volumes(str(tmp_path / "*.vdb"))] == ["frame_0000.vdb", "frame_0002.vdb"]
+    assert find_volumes(str(tmp_path / "checkpoint.npz")) == [tmp_path / "checkpoint.npz"]  # who names it means it
+
+
 def nvdb_bytes(density: np.ndarray, tmp: Path) -> bytes:
     volume = wp.Volume.load_from_numpy(density, min_world=(1.0, 2.0, 3.0), voxel_size=0.5, device="cpu")
     volume.save_to_nvdb(str(tmp), codec="zip")

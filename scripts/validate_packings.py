@@ -243,6 +243,8 @@ Hypotheses that predict the same pictures are answered as one class; the simples
   maps as `rlt_bbf` does; `o3de_rlt` and `rlt_bbf` differ in their alpha file alone.
 - **No alpha among the files.** Curves and straight maps show in the relation of the maps to alpha only, and are
   not judged without it.
+- **Noise and photographs** are answered "no six-way maps of smoke"; smooth blobs as wide as a third of the picture can
+  pass as maps in another order.
 - **A blank emissive channel**, motion vectors and occlusion: six-way maps say nothing about them.
 - **The brightness scale.** Curves are told by the slope of the maps against alpha first and by their size second, so
   a plume packed at 0.3 to 3 times its brightness, or with albedo 0.2, was still called healthy, its scale unknown.

@@ -27,12 +27,14 @@ _FRONT = (Normal(0.0, 0.4), Normal(-0.55, 0.4), Normal(0.35, 0.3))
 _BACK = (Normal(-0.55, 0.45), Normal(0.45, 0.4), Normal(-0.5, 0.5))
 _DEPTH_ACROSS = (Normal(0.0, 0.35), Normal(0.0, 0.35))
 _TONE = (Normal(0.97, 0.06), Normal(0.7, 0.3), Normal(-0.1, 0.5), Normal(2.3, 0.7))
+_ANYTHING = Normal(0.0, 0.3)  # any measurement of a map in pictures that are none: their light is from nowhere
 _SIZE = Normal(-1.0, 1.0)  # the only thing that tells of curves without alpha, and weakly
 _RIM = Normal(0.0, 0.1)
 
 _LAYOUT_WEIGHT = 0.7  # the measurements of one map are not independent
 _FAULT_PRIOR = -3.0
 _ORDER_PRIOR = -9.0  # of one in 720 orders, and more than one fault
+_NO_SMOKE_PRIOR = -9.0  # as maps in any order: who asks has six-way maps, if perhaps strange ones
 _KEEPS_ORDER = ("none", "opaque", "straight", "inverted", "alpha curved", "colour too dark", "colour too bright")
 _FIRE_PRIOR = -12.0  # most smoke does not burn, and what burns shows in a channel that is not judged otherwise
 _CONTRADICTION = -40.0
@@ -40,6 +42,8 @@ _BLANK = 1.5 / 255.0
 _LARGEST_TILE_PX = 64
 _TOLD_BY_ALPHA = ("colour too dark", "colour too bright", "straight")
 """Faults that only the relation of the maps to alpha can show."""
+NO_SMOKE = ("no packing", Fault("no six-way maps of smoke"))
+"""What noise and photographs are called."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ class Suspicion:
 def diagnose(
     pictures: Pictures, packings: Iterable[Packing] = tuple(PACKINGS.values()), *, stacked: Pictures | None = None
 ) -> list[Suspicion]:
-    """All classes of hypotheses, the likeliest first; confidences sum to 1.
+    """All classes of hypotheses, the likeliest first; confidences sum to 1. `NO_SMOKE` is one of them.
 
     The last textures of a packing may be missing. stacked: the upper and lower halves of a single file, for the
     packings that stack their textures; without it these are left out. Beside single faults, maps in any other order
@@ -124,6 +128,7 @@ def diagnose(
     """
     judges = {False: _Judge(pictures), **({True: _Judge(stacked)} if stacked else {})}
     classes: dict[tuple[bool, object], list[tuple[float, Hypothesis]]] = {}
+    no_smoke = -np.inf
     for packing in packings:
         judge = judges.get(packing.stacked)
         if judge is None or not judge.fits(packing):
@@ -136,7 +141,9 @@ def diagnose(
                 hypothesis = replace(base, fault=fault)  # the same to us: it joins the class of the healthy packing
             single.append(hypothesis)
         for hypothesis in single:
-            belief = judge.belief(hypothesis) + (0.0 if hypothesis.fault == HEALTHY else _FAULT_PRIOR)
+            belief, as_anything = judge.beliefs(hypothesis)
+            no_smoke = max(no_smoke, as_anything + _NO_SMOKE_PRIOR)
+            belief += 0.0 if hypothesis.fault == HEALTHY else _FAULT_PRIOR
             key = (packing.stacked, judge.signature(hypothesis))
             classes.setdefault(key, []).append((belief, hypothesis))
         for hypothesis in single:
@@ -144,21 +151,20 @@ def diagnose(
                 other = judge.rearranged(hypothesis)
                 key = (packing.stacked, judge.signature(other))
                 if key not in classes:
-                    classes[key] = [(judge.belief(other) + _ORDER_PRIOR, other)]
+                    classes[key] = [(judge.beliefs(other)[0] + _ORDER_PRIOR, other)]
     if not classes:
         counts = [picture.shape[-1] for picture in pictures.textures]
         raise ValueError(f"no packing has {len(counts)} textures of {counts} channels; name it with --packing")
     # A class is as likely as its likeliest member: that it has many names does not make it likelier.
     best = {key: max(belief for belief, _ in members) for key, members in classes.items()}
-    top = max(best.values())
-    total = sum(np.exp(belief - top) for belief in best.values())
-    suspicions = []
-    for key in sorted(best, key=lambda key: -best[key]):
+    top = max(no_smoke, *best.values())
+    total = np.exp(no_smoke - top) + sum(np.exp(belief - top) for belief in best.values())
+    suspicions = [Suspicion((NO_SMOKE,), float(np.exp(no_smoke - top) / total))]
+    for key in best:
         ordered = sorted(classes[key], key=lambda member: (-member[0], member[1].packing.name))
         members = tuple((h.packing.name, h.fault) for _, h in ordered)
-        confidence = float(np.exp(best[key] - top) / total)
-        suspicions.append(Suspicion(members, confidence))
-    return suspicions
+        suspicions.append(Suspicion(members, float(np.exp(best[key] - top) / total)))
+    return sorted(suspicions, key=lambda suspicion: -suspicion.confidence)
 
 
 class _Judge:
@@ -221,8 +227,9 @@ class _Judge:
             parts.append((place, role, times))
         return tuple(parts), hypothesis.straight
 
-    def belief(self, hypothesis: Hypothesis) -> float:
-        """Log likelihood, up to a constant, of the pictures under a hypothesis."""
+    def beliefs(self, hypothesis: Hypothesis) -> tuple[float, float]:
+        """Log likelihood, up to a constant, of the pictures under a hypothesis; and the same if what it takes for maps
+        of smoke were just any pictures."""
         maps: dict[str, tuple[int, int, int]] = {}
         alpha: tuple[int, int, int] | None = None
         inverted = False
@@ -245,7 +252,7 @@ class _Judge:
         belief += _CONTRADICTION * sum(pair in self._pictures.twins for pair in combinations(sorted(named), 2))
         usable = {role: key for role, key in maps.items() if key[:2] not in self._pictures.blank}
         if not usable or (alpha and alpha[:2] in self._pictures.blank):
-            return belief + _CONTRADICTION
+            return belief + _CONTRADICTION, belief + _CONTRADICTION
         keys = tuple(sorted(usable.values()))
         state = (keys, alpha, inverted, hypothesis.straight)
         if state not in self._layouts:
@@ -253,9 +260,10 @@ class _Judge:
             self._layouts[state] = layout(planes)
             self._tones[state] = _tone_belief(planes, opacity)
         rows = dict(zip(keys, self._layouts[state], strict=True))
-        for role, key in usable.items():
-            belief += _LAYOUT_WEIGHT * _layout_belief(role, rows[key])
-        return belief + self._tones[state]
+        belief += self._tones[state]
+        as_smoke = sum(_layout_belief(role, rows[key]) for role, key in usable.items())
+        as_anything = sum(_ANYTHING.log_odds(float(value)) for key in usable.values() for value in rows[key])
+        return belief + _LAYOUT_WEIGHT * as_smoke, belief + _LAYOUT_WEIGHT * as_anything
 
     def _read(
         self, keys: Sequence[tuple[int, int, int]], alpha: tuple[int, int, int] | None, inverted: bool, straight: bool
@@ -309,5 +317,6 @@ def _layout_belief(role: str, row: np.ndarray) -> float:
 
 
 def named(suspicions: Sequence[Suspicion], least: float = 0.5) -> Suspicion | None:
-    """The likeliest class, or None ("undecidable") where no class has at least that confidence."""
-    return suspicions[0] if suspicions and suspicions[0].confidence >= least else None
+    """The likeliest class, or None ("undecidable") where that is `NO_SMOKE` or has less than that confidence."""
+    told = suspicions and suspicions[0].confidence >= least and suspicions[0].members[0] != NO_SMOKE
+    return suspicions[0] if told else None

@@ -10,7 +10,7 @@ import numpy as np
 from sixway.core.command import status_of
 from sixway.core.config import load_config
 from sixway.core.store import write_json
-from sixway.engines.diagnosis import Pictures, Suspicion, diagnose, named, opaque, shrunk
+from sixway.engines.diagnosis import NO_SMOKE, Pictures, Suspicion, diagnose, named, opaque, shrunk
 from sixway.engines.faults import HEALTHY, Fault
 from sixway.engines.flipbook import parse_grid, split
 from sixway.engines.packing import PACKINGS, Packing, PackingConfig, packing_from_config, parse_packing
@@ -50,7 +50,9 @@ def _run(options: argparse.Namespace) -> int:
     stacked = load_halves(options.textures[0], options.grid) if len(options.textures) == 1 else None
     suspicions = diagnose(pictures, packings, stacked=stacked)
     verdict = named(suspicions, options.least)
-    if verdict is None:
+    if verdict is None and suspicions[0].members[0] == NO_SMOKE:
+        print("undecidable: these do not look like six-way maps of smoke in any packing")
+    elif verdict is None:
         print("undecidable: nothing explains these pictures clearly better than the rest")
     elif verdict.fault == HEALTHY:
         print(f"healthy: packing {verdict.packing}, confidence {verdict.confidence:.2f}")

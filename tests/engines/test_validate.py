@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 from sixway.bake import main as bake
 from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS
@@ -13,7 +14,7 @@ from sixway.core.exr import read_exr
 from sixway.core.png import to_8bit
 from sixway.engines.alpha import to_straight
 from sixway.engines.axis_ball import axis_ball
-from sixway.engines.diagnosis import Pictures, Suspicion, diagnose, named, opaque
+from sixway.engines.diagnosis import NO_SMOKE, Pictures, Suspicion, diagnose, named, opaque
 from sixway.engines.evidence import layout, rim, tone
 from sixway.engines.faults import HEALTHY, Fault, curve, damaged, faults_of, healthy, suppose
 from sixway.engines.packing import PACKINGS, Packing
@@ -86,6 +87,23 @@ def test_pictures_without_smoke_get_no_verdict(rng: np.random.Generator) -> None
     assert named(diagnose(Pictures(textures)), least=0.9) is None
 
 
+@pytest.mark.parametrize(
+    ("told", "coarse_px"), [(None, 0), ("unity", 0), ("unity", 4), ("embergen_tlrb", 0), ("paradox_stacked", 0)]
+)
+def test_noise_gets_no_verdict(told: str | None, coarse_px: int, rng: np.random.Generator) -> None:
+    """Eight pictures of noise that have nothing to do with one another, fine or blurred, look like no smoke."""
+    packing = PACKINGS[told or "unity"]
+    counts = [len(texture.channels) for texture in packing.textures]
+    planes = gaussian_filter(rng.uniform(size=(1, 64, 64, sum(counts))), (0, coarse_px, coarse_px, 0))
+    planes = (planes - planes.min()) / np.ptp(planes)
+    textures = tuple(opaque(part) for part in np.split(planes, np.cumsum(counts)[:-1], axis=-1))
+    pictures = Pictures((np.concatenate(textures, axis=1),) if packing.stacked else textures)
+    stacked = Pictures(textures) if packing.stacked else None
+    suspicions = diagnose(pictures, (packing,) if told else tuple(PACKINGS.values()), stacked=stacked)
+    assert suspicions[0].members == (NO_SMOKE,) and suspicions[0].confidence > 0.9
+    assert named(suspicions, least=0.0) is None
+
+
 def test_shares_of_a_ball_point_at_their_lights() -> None:
     ball = axis_ball(64)[None, ..., :6].astype(np.float64)
     rows = dict(zip(DIRECTIONS, layout(ball), strict=True))
@@ -151,6 +169,12 @@ def test_command_judges_files(smoke: np.ndarray, tmp_path: Path, capsys: pytest.
     }
     assert main([*paths, "--grid", "5x2"]) == 2
     assert "whole pixels" in capsys.readouterr().err
+    for path in paths:
+        noise = np.random.default_rng(len(path)).integers(0, 256, (64, 64, 4), np.uint8)
+        Image.fromarray(noise).save(path)
+    assert main([*paths, "--packing", "unity", "--json", str(verdict)]) == 1
+    assert "undecidable: these do not look like six-way maps" in capsys.readouterr().out
+    assert json.loads(verdict.read_text())["verdict"] is None
     Image.fromarray(np.zeros((8, 8, 4), np.uint8)).save(paths[1])
     assert main(paths) == 2
     assert "differ in size" in capsys.readouterr().err

@@ -13,8 +13,9 @@ from sixway.data.dataset import SmokeDataset
 from sixway.models.card import WEIGHTS
 from sixway.training.config import TrainConfig
 from sixway.training.distributed import Ranks
+from sixway.training.interruption import EXIT_STATUS, Interrupted
 from sixway.training.log import METRICS
-from sixway.training.loop import Interrupted, train
+from sixway.training.loop import train
 from sixway.training.prefetch import prefetch
 from sixway.training.run import Run
 
@@ -49,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         trained = train(config, run_dir=options.run_dir, device=options.device)
     except Interrupted as stop:
         print(stop, file=sys.stderr)
-        return 130
+        return EXIT_STATUS
     except (ValueError, OSError, RuntimeError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -13,6 +13,7 @@ from sixway.core.progress import track
 from sixway.models.flownet import WEIGHTS, FlowNet
 from sixway.training.flow import FlowTrainConfig, train_flow
 from sixway.training.flow_data import FlowData
+from sixway.training.interruption import EXIT_STATUS, Interrupted
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,7 +47,11 @@ def _run(options: argparse.Namespace) -> int:
         made = data.make(("train", "val"), device=options.device, threads=torch.get_num_threads())
         for _ in track(made, total=len(missing), label="simulate"):
             pass
-    scores = train_flow(config, data, run_dir=options.run_dir, device=options.device)
+    try:
+        scores = train_flow(config, data, run_dir=options.run_dir, device=options.device)
+    except Interrupted as stop:
+        print(stop, file=sys.stderr)
+        return EXIT_STATUS
     print(f"trained: {options.run_dir / WEIGHTS}; {', '.join(f'{name} {value}' for name, value in scores.items())}")
     return 0
 

@@ -3,17 +3,15 @@
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
-from safetensors import SafetensorError
-from safetensors.torch import load_file
+from pydantic import Field
 
 from sixway.core.config import Config
-from sixway.core.store import read_json, sha256_file
 from sixway.models.unet import SixWayUNet, UNetConfig
-from sixway.models.weights import save_with_card
+from sixway.models.weights import load_with_card, parse_card, save_with_card
 
 WEIGHTS = "model.safetensors"
 CARD = "model.json"
+_KIND = "sixway net"
 
 
 class NetCard(Config):
@@ -50,12 +48,7 @@ def save_net(folder: Path, net: SixWayUNet, card: NetCard) -> None:
 
 def read_card(text: str | bytes, *, source: str) -> NetCard:
     """Check a card; raises ValueError naming `source` and what does not fit."""
-    try:
-        return NetCard.model_validate_json(text)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"])) or "the whole"
-        raise ValueError(f"{source}: {place}: {first['msg']}; this is no card of a sixway net of format 1") from error
+    return parse_card(NetCard, text, source=source, kind=_KIND)
 
 
 def load_net(folder: Path) -> tuple[SixWayUNet, NetCard]:
@@ -63,22 +56,13 @@ def load_net(folder: Path) -> tuple[SixWayUNet, NetCard]:
 
     Raises FileNotFoundError if there is no trained net, ValueError if weights and card do not belong together.
     """
-    if not (folder / CARD).is_file() or not (folder / WEIGHTS).is_file():
-        raise FileNotFoundError(
-            f"{folder}: holds no trained net ({CARD} and {WEIGHTS}); "
-            f"run: python -m sixway.train CONFIG --run-dir {folder}"
-        )
-    read_json(folder / CARD)
-    card = read_card((folder / CARD).read_bytes(), source=str(folder / CARD))
-    if sha256_file(folder / WEIGHTS) != card.weights_sha256:
-        raise ValueError(
-            f"{folder / WEIGHTS}: is not the file that {CARD} names; copy both from one run, or train again"
-        )
-    net = SixWayUNet(
-        card.net, guide_channels=card.guide_channels, guide_scale=card.scale, emissive_scale=card.emissive_scale
+    return load_with_card(
+        NetCard,
+        lambda card: SixWayUNet(
+            card.net, guide_channels=card.guide_channels, guide_scale=card.scale, emissive_scale=card.emissive_scale
+        ),
+        weights=folder / WEIGHTS,
+        card_path=folder / CARD,
+        kind=_KIND,
+        made_by="python -m sixway.train CONFIG",
     )
-    try:
-        net.load_state_dict(load_file(folder / WEIGHTS))
-    except (SafetensorError, RuntimeError) as error:
-        raise ValueError(f"{folder / WEIGHTS}: cannot be loaded ({error}); train or copy it again") from error
-    return net.eval(), card

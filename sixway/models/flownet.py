@@ -10,16 +10,13 @@ from typing import Literal
 import torch
 from jaxtyping import Float
 from kornia.filters import gaussian_blur2d
-from pydantic import Field, ValidationError
-from safetensors import SafetensorError
-from safetensors.torch import load_file
+from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
 from sixway.core.config import Config
-from sixway.core.store import sha256_file
 from sixway.models.flow_warp import resized_flow, warp
-from sixway.models.weights import save_with_card
+from sixway.models.weights import load_with_card, save_with_card
 
 WEIGHTS = "flownet.safetensors"
 CARD = "flownet.json"
@@ -185,20 +182,12 @@ def load_flownet(folder: Path = SHIPPED) -> FlowNet:
 
     Raises FileNotFoundError if there is none, ValueError if weights and card do not belong together.
     """
-    if not (folder / CARD).is_file() or not (folder / WEIGHTS).is_file():
-        raise FileNotFoundError(
-            f"{folder}: holds no FlowNet ({CARD} and {WEIGHTS}); "
-            f"run: python -m sixway.train_flow configs/train/flow.yaml --run-dir {folder}"
-        )
-    try:
-        card = FlowCard.model_validate_json((folder / CARD).read_bytes())
-    except ValidationError as error:
-        raise ValueError(f"{folder / CARD}: is no card of a FlowNet of format 1 ({error})") from error
-    if sha256_file(folder / WEIGHTS) != card.weights_sha256:
-        raise ValueError(f"{folder / WEIGHTS}: is not the file that {CARD} names; copy both from one run")
-    net = FlowNet(card.net, pretrained=True)
-    try:
-        net.load_state_dict(load_file(folder / WEIGHTS))
-    except (SafetensorError, RuntimeError) as error:
-        raise ValueError(f"{folder / WEIGHTS}: cannot be loaded ({error}); train or copy it again") from error
-    return net.eval().requires_grad_(False)
+    net, _ = load_with_card(
+        FlowCard,
+        lambda card: FlowNet(card.net, pretrained=True),
+        weights=folder / WEIGHTS,
+        card_path=folder / CARD,
+        kind="FlowNet",
+        made_by="python -m sixway.train_flow configs/train/flow.yaml",
+    )
+    return net.requires_grad_(False)

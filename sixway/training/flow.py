@@ -1,5 +1,6 @@
 """Training of FlowNet. Every step is a function of (seed, step), so a resumed run is the same run."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from sixway.models.flownet import FlowCard, FlowNet, FlowNetConfig, save_flownet
 from sixway.training.checkpoint import load_checkpoint, save_checkpoint
 from sixway.training.flow_data import FlowData, FlowDataConfig
 from sixway.training.flow_pairs import FlowPairs, MovingClip, PairSampler, endpoint_error, moved_pair, simulated_pair
+from sixway.training.interruption import Interrupted, stop_on_signal
 from sixway.training.log import MetricsLog
 from sixway.training.schedule import learning_rate
 
@@ -60,8 +62,16 @@ def train_flow(config: FlowTrainConfig, data: FlowData, *, run_dir: Path, device
     """Train, or continue, the run in `run_dir` on clips that are there; ends with weights and card, returns the scores.
 
     Raises ValueError if the folder holds a run of another config or of other clips, RuntimeError if the loss is no
-    longer finite.
+    longer finite, `Interrupted` after SIGINT or SIGTERM.
     """
+    with stop_on_signal() as asked_to_stop:
+        return _train(config, data, run_dir=run_dir, device=device, asked_to_stop=asked_to_stop)
+
+
+def _train(
+    config: FlowTrainConfig, data: FlowData, *, run_dir: Path, device: str, asked_to_stop: Sequence[int]
+) -> dict[str, float]:
+    """`train_flow`, until anything is in `asked_to_stop`."""
     _claim(run_dir, config, data)
     torch.manual_seed(config.train.seed)
     settings = config.train
@@ -90,17 +100,21 @@ def train_flow(config: FlowTrainConfig, data: FlowData, *, run_dir: Path, device
         torch.nn.utils.clip_grad_norm_(net.parameters(), settings.clip_norm)
         optimiser.step()
         done = step + 1
+        stopping = bool(asked_to_stop)
         ends = done == settings.steps
-        if ends or done % settings.log_every == 0:
-            if not torch.isfinite(loss):
-                raise RuntimeError(f"step {step}: the loss is no longer finite; lower train.lr in a new --run-dir")
+        logs = ends or done % settings.log_every == 0
+        saves = ends or stopping or done % settings.checkpoint_every == 0
+        if (logs or saves) and not torch.isfinite(loss):
+            raise RuntimeError(f"step {step}: the loss is no longer finite; lower train.lr in a new --run-dir")
+        if logs:
             log.write(step, loss=loss.item(), lr=rate)
         if ends or done % settings.validate_every == 0:
             scores = validation.scores(net, device=device)
             log.write(step, **scores)
-        if ends or done % settings.checkpoint_every == 0:
-            state = {"step": done, "net": net.state_dict(), "optimiser": optimiser.state_dict()}
-            save_checkpoint(run_dir, state)
+        if saves:
+            save_checkpoint(run_dir, {"step": done, "net": net.state_dict(), "optimiser": optimiser.state_dict()})
+        if stopping:
+            raise Interrupted(f"stopped after step {done}; the same command continues from there")
     scores = scores or validation.scores(net, device=device)
     card = FlowCard(
         net=config.net,

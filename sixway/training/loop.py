@@ -1,10 +1,9 @@
 """The training loop. Every step is a function of (seed, step, rank), so a resumed run is the same run."""
 
 import math
-import signal
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager, nullcontext
+from collections.abc import Mapping
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from sixway.models.card import CARD, WEIGHTS, save_net
 from sixway.training.checkpoint import load_checkpoint, save_checkpoint
 from sixway.training.config import TrainConfig
 from sixway.training.distributed import process_group
+from sixway.training.interruption import Interrupted, stop_on_signal
 from sixway.training.log import MetricsLog
 from sixway.training.prefetch import prefetch
 from sixway.training.run import Run
@@ -29,10 +29,6 @@ CONFIG = "config.yaml"
 BEST = "best"
 FLOWS = "true_flow"
 PICTURES = "validation"
-
-
-class Interrupted(RuntimeError):
-    """The run was asked to stop; its state is saved."""
 
 
 def train(config: TrainConfig, *, run_dir: Path, device: str) -> bool:
@@ -130,20 +126,6 @@ class Record:
         if self.best is None or scores[SCORE] > self.best[SCORE]:
             save_net(self.run_dir / BEST, net, self.run.card(steps=done))
             self.best = {"step": done, SCORE: scores[SCORE]}
-
-
-@contextmanager
-def stop_on_signal() -> Iterator[list[int]]:
-    """Collects SIGINT and SIGTERM into a list while the block runs; a step in hand is finished first."""
-    caught: list[int] = []
-    handlers = {
-        number: signal.signal(number, lambda n, _: caught.append(n)) for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield caught
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 def _finite(terms: dict[str, Tensor], step: int) -> dict[str, float]:

@@ -1,6 +1,8 @@
 """Pairs whose flow is known by construction, and a training run in miniature: made, interrupted, continued."""
 
 import shutil
+import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -170,14 +172,36 @@ def test_a_run_leaves_a_net_that_can_be_used(miniature: Path) -> None:
 def test_an_interrupted_run_ends_as_if_it_had_not_been(miniature: Path) -> None:
     whole, broken = miniature.parent / "whole", miniature.parent / "broken"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sixway.training.flow.pyramid_loss", _fails_after(4))
+        patch.setattr("sixway.training.flow.pyramid_loss", _acts_after(4, _fail))
         assert train_flow.main([str(miniature), "--run-dir", str(broken)]) == 2
     assert (broken / LATEST).is_file() and not (broken / WEIGHTS).is_file()
     assert train_flow.main([str(miniature), "--run-dir", str(broken)]) == 0
     assert (whole / WEIGHTS).read_bytes() == (broken / WEIGHTS).read_bytes()
 
 
-def _fails_after(steps: int):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_run_that_is_asked_to_stop_saves_at_once(
+    miniature: Path, tmp_path: Path, number: signal.Signals, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the middle of its fifth step, which is no step of a checkpoint; it ends as if nothing had happened."""
+    before, whole, stopped = signal.getsignal(number), miniature.parent / "whole", tmp_path / "stopped"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sixway.training.flow.pyramid_loss", _acts_after(4, lambda: signal.raise_signal(number)))
+        assert train_flow.main([str(miniature), "--run-dir", str(stopped)]) == 130
+    assert "stopped after step 5; the same command continues" in capsys.readouterr().err
+    assert torch.load(stopped / LATEST, weights_only=True)["step"] == 5
+    assert signal.getsignal(number) is before
+    assert train_flow.main([str(miniature), "--run-dir", str(stopped)]) == 0
+    assert (whole / WEIGHTS).read_bytes() == (stopped / WEIGHTS).read_bytes()
+    assert read_json_lines(whole / METRICS) == read_json_lines(stopped / METRICS)
+
+
+def _fail() -> None:
+    raise RuntimeError("killed")
+
+
+def _acts_after(steps: int, act: Callable[[], None]):
+    """The loss, and `act` in each step after so many."""
     from sixway.training.flow import pyramid_loss
 
     calls = []
@@ -185,7 +209,7 @@ def _fails_after(steps: int):
     def loss(*arguments):
         calls.append(None)
         if len(calls) > steps:
-            raise RuntimeError("killed")
+            act()
         return pyramid_loss(*arguments)
 
     return loss

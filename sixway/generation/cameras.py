@@ -146,24 +146,13 @@ def _rounded(value: float, kind: str) -> float:
 def _view(
     grid: Grid, lens: _Lens, yaw: float, pitch: float, margin: float, density_scale: float, width: int, height: int
 ) -> View:
-    camera = Camera.around(
-        grid,
-        yaw_deg=yaw,
-        pitch_deg=pitch,
-        kind=lens.kind,
-        fov_deg=lens.fov_deg,
-        margin=margin,
-        width_px=width,
-        height_px=height,
-    )
-    return View(
-        kind=lens.kind,
-        fov_deg=lens.fov_deg,
-        yaw_deg=yaw,
-        pitch_deg=pitch,
-        margin=margin,
-        density_scale=density_scale,
-        width_px=width,
-        height_px=height,
-        camera=camera,
-    )
+    lens_and_place: dict[str, Any] = {
+        "kind": lens.kind,
+        "fov_deg": lens.fov_deg,
+        "yaw_deg": yaw,
+        "pitch_deg": pitch,
+        "margin": margin,
+        "width_px": width,
+        "height_px": height,
+    }
+    return View(**lens_and_place, density_scale=density_scale, camera=Camera.around(grid, **lens_and_place))

@@ -35,6 +35,8 @@ MEASURED = {
         "python scripts/validate_volumes.py RUN FOLDER --json volumes.json",
     ),
     "inference": ("Speed", "python scripts/bench_inference.py RUN --json inference.json"),
+    "exports": ("Exported files", "python scripts/validate_exports.py RUN --data DATA --json exports.json"),
+    "training": ("Speed of training", "python scripts/bench_training.py --json training.json"),
 }
 """Sections made from the rows of other scripts, and how to run those."""
 

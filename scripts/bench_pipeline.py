@@ -27,11 +27,11 @@ from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import SmokeSolver
 
 SCENARIO = Path(__file__).parents[1] / "configs/sim/jet.yaml"
-NET, CARD = load_net(SHIPPED_NET)
+SHIPPED = "of the shipped net"
 GUIDES = {
     "paper": GuideConfig(),
     "six": GuideConfig(lights=DIRECTIONS, sum_lights=False),
-    "of the shipped net": parse_config(GuideConfig, CARD.guide, source="the shipped net's guide"),
+    "swept": GuideConfig(lights=DIRECTIONS, sum_lights=False, lighting="sweep", scatter_iterations=1, pixel_samples=16),
 }
 
 
@@ -62,7 +62,8 @@ def main() -> int:
     camera = Camera.around(frame.grid, yaw_deg=30.0, margin=0.8, width_px=size, height_px=size)
     medium = Medium(extinction_per_m=40.0)
     guides = {}
-    for name, config in GUIDES.items():
+    own = parse_config(GuideConfig, card.guide, source="the shipped net's guide")
+    for name, config in {**GUIDES, SHIPPED: own}.items():
         marcher = GuideMarcher(config, medium, device=device, threads=torch.get_num_threads())
         guides[name] = marcher.march(frame, camera, seed=0)
         timed(f"guide {name}", lambda m=marcher: m.march(frame, camera, seed=0), wp.synchronize)
@@ -71,12 +72,12 @@ def main() -> int:
         f"reference, {tracer.method}, paper bounces, 4 samples", lambda: tracer.trace(frame, camera, seed=0), wait_torch
     )
 
-    guide = guides["of the shipped net"]
+    guide = guides[SHIPPED]
     with tempfile.TemporaryDirectory() as folder:
-        export_onnx(NET, CARD, Path(folder) / "net.onnx", width_px=size, height_px=size)
+        export_onnx(net, card, Path(folder) / "net.onnx", width_px=size, height_px=size)
         onnx = OnnxPredictor(Path(folder) / "net.onnx", device=device)
         timed("net, ONNX Runtime", lambda: predict(onnx, guide), wait_torch)
-    torch_net = TorchPredictor(NET, CARD, device=device)
+    torch_net = TorchPredictor(net, card, device=device)
     timed("net, torch", lambda: predict(torch_net, guide), wait_torch)
     lightmap = predict(torch_net, guide)
     lights = [DirectionalLight.parse(text) for text in ("right", "0:1:1", "back")]

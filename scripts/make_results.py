@@ -239,7 +239,8 @@ def _measured(path: Path | None, how: str, images: Path) -> str:
         return f"Not run: `{how}`."
     found = read_json(path)
     rows = found["rows"]
-    table = _by_variant(rows) if all("/" in row["name"] for row in rows) else _row_by_row(rows)
+    by_variant = rows and all("/" in row["name"] for row in rows)
+    table = _by_variant(rows) if by_variant else _row_by_row(rows)
     about = f"`{how}`; commit {found['commit']}, {found['hardware']}, {found['seconds']:.0f} s."
     picture = ""
     if path.with_suffix(".png").is_file():
@@ -263,7 +264,9 @@ def _by_variant(rows: Sequence[Mapping[str, Any]]) -> Table:
         variant, quantity = row["name"].split("/", 1)
         quantity = quantity.removesuffix(f"_{row['unit'].lower()}").replace("_", " ")
         column = f"{quantity} [{row['unit']}]"
-        values.setdefault(variant, {})[column] = _number(row["value"]) + ("" if row["ok"] else " MISSED")
+        values.setdefault(variant, {})[column] = _number(row["value"]) + (
+            "" if row["ok"] else f" MISSED ({row['bound']})"
+        )
     columns = list(dict.fromkeys(column for line in values.values() for column in line))
     lines = tuple((name, *(line.get(column, "") for column in columns)) for name, line in values.items())
     return Table(title="", head=("", *columns), rows=lines)

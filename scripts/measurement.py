@@ -38,6 +38,7 @@ class Measurement:
         self, name: str, value: float, unit: str, *, at_most: float | None = None, at_least: float | None = None
     ) -> None:
         """One row; `at_most` or `at_least` is its bound, without one the row only tells."""
+        value = float(value)  # JSON knows no NumPy numbers
         ok = (at_most is None or value <= at_most) and (at_least is None or value >= at_least)
         bound = f"<= {at_most:g}" if at_most is not None else f">= {at_least:g}" if at_least is not None else ""
         self.rows.append({"name": name, "value": value, "unit": unit, "bound": bound, "ok": ok})

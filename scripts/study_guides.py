@@ -1,7 +1,7 @@
 """The cost-quality curve of guides: what each costs, and what it shows with no net, a linear fit and a short training.
 
 python scripts/study_guides.py configs/data/cpu.yaml --data runs/cpu_data --work-dir runs/guide_study \
-    --train-steps 1500 --json runs/guide_study.json --plot docs/images/guide_curve.png
+    --train-steps 1000 --json runs/guides.json --plot runs/guides.png
 
 Every variant is marched anew for the same pairs of a finished dataset, at its most frequent image size, into a dataset
 of its own below --work-dir, and scored on the validation split: mean over frames of the PSNR of the six maps in sRGB.

@@ -245,8 +245,8 @@ def page(
     pairs = [(name, before, after) for name in scores for before, after in zip(
         scores[name]["first depth"], scores[name]["slab"], strict=True
     )]  # fmt: skip
-    darker = [(f"{volumes[n % len(volumes)]}, {pair[0]}", *pair[1:]) for n, pair in enumerate(pairs)]
-    worse = sorted((d for d in darker if d[2].psnr < d[1].psnr - 0.2), key=lambda d: d[2].psnr - d[1].psnr)
+    cases = [(f"{volumes[n % len(volumes)]}, {pair[0]}", *pair[1:]) for n, pair in enumerate(pairs)]
+    worse = sorted((c for c in cases if c[2].psnr < c[1].psnr - 0.2), key=lambda c: c[2].psnr - c[1].psnr)
 
     def table(mean: Mean) -> list[str]:
         lines = [
@@ -287,7 +287,7 @@ def page(
             "PSNR [dB] in sRGB, 99.5th percentile of the truth at white:",
             "",
             *table(mean_psnr),
-            f"Of {len(darker)} cases, `slab` has a lower PSNR than `first depth` by more than 0.2 dB in {len(worse)}"
+            f"Of {len(cases)} cases, `slab` has a lower PSNR than `first depth` by more than 0.2 dB in {len(worse)}"
             + (":" if worse else "."),
             "",
             *[

@@ -45,6 +45,10 @@ def _run(options: argparse.Namespace) -> int:
         raise ValueError(f"--perceived-every {options.perceived_every} must be at least 1, which is every pair")
     if options.best and options.run_dir.is_file():
         raise ValueError(f"{options.run_dir}: --best chooses a net of a run's folder; an ONNX file holds one net")
+    if options.best and not (options.run_dir / BEST).is_dir():
+        raise FileNotFoundError(
+            f"{options.run_dir / BEST}: no net here; a run keeps one from its first validation on, so train further"
+        )
     predictor = load_predictor(options.run_dir / BEST if options.best else options.run_dir, device=options.device)
     training = _training(options.run_dir)
     if options.run_dir.is_file() and not (options.data and options.out):
@@ -66,12 +70,13 @@ def _training(run_dir: Path) -> dict[str, Any]:
     """What the folder of a run says of its training: config and record; nothing of an ONNX file."""
     if run_dir.is_file():
         return {}
-    config = load_config(TrainConfig, run_dir / CONFIG).model_dump(mode="json")
-    record, end = run_dir / RECORD, (run_dir / CARD).stat().st_mtime
-    if not record.is_file():
-        return {"config": config}
-    # pauses of an interrupted run count as well
-    return {"config": config, "record": read_json(record), "wall_seconds": end - record.stat().st_mtime}
+    told: dict[str, Any] = {"config": load_config(TrainConfig, run_dir / CONFIG).model_dump(mode="json")}
+    record, end = run_dir / RECORD, run_dir / CARD
+    if record.is_file():
+        told["record"] = read_json(record)
+    if record.is_file() and end.is_file():  # a run that has not ended has a best net, but no length
+        told["wall_seconds"] = end.stat().st_mtime - record.stat().st_mtime  # pauses count as well
+    return told
 
 
 if __name__ == "__main__":

@@ -206,6 +206,8 @@ def _shot(options: argparse.Namespace, sequence: VolumeSequence, width: int, hei
 
 def _obstacles(options: argparse.Namespace, grid: Grid) -> Obstacles | None:
     if not options.solid:
+        if options.soft_particles is not None or options.shadow_softness:
+            raise ValueError("--soft-particles and --shadow-softness are about solids; name one with --solid")
         return None
     softness, fade = options.shadow_softness, options.soft_particles
     if not 0.0 <= softness < float("inf"):

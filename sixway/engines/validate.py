@@ -50,7 +50,8 @@ def _run(options: argparse.Namespace) -> int:
     stacked = load_halves(options.textures[0], options.grid) if len(options.textures) == 1 else None
     suspicions = diagnose(pictures, packings, stacked=stacked)
     verdict = named(suspicions, options.least)
-    if verdict is None and suspicions[0].members[0] == NO_SMOKE:
+    likeliest = suspicions[0]
+    if likeliest.members[0] == NO_SMOKE and likeliest.confidence >= options.least:
         print("undecidable: these do not look like six-way maps of smoke in any packing")
     elif verdict is None:
         print("undecidable: nothing explains these pictures clearly better than the rest")

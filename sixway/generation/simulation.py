@@ -19,14 +19,11 @@ from sixway.core.store import (
 from sixway.sim.checkpoint import load_checkpoint, save_checkpoint
 from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import FlowError, SmokeSolver
-from sixway.volumes.read import read_volume
+from sixway.volumes.read import CHECKPOINT, read_volume
 from sixway.volumes.write import write_volume
 
 Format = Literal["npz", "nvdb", "vdb", "vol"]
 
-CHECKPOINT = "checkpoint.npz"
-RECORD = "simulation.json"
-INDEX = "frames.jsonl"
 RECORD = "simulation.json"
 INDEX = "frames.jsonl"
 

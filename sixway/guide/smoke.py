@@ -125,7 +125,8 @@ def block_boxes(full: Bool[np.ndarray, "bz by bx"], voxel_m: float, grid: Grid) 
     first = np.argwhere(full)[:, ::-1]
     corners = np.stack([first, first + 1], axis=1) * (smoke_kernels.BLOCK * voxel_m)
     extent_m = np.array(grid.extent_m)
-    return np.where(corners <= 0.0, -0.5 * voxel_m, np.where(corners >= extent_m, extent_m + 0.5 * voxel_m, corners))
+    at_face = corners > extent_m - 1e-3 * voxel_m  # the product of whole numbers and metres may fall short by a bit
+    return np.where(corners <= 0.0, -0.5 * voxel_m, np.where(at_face, extent_m + 0.5 * voxel_m, corners))
 
 
 def box_around(boxes: Float[np.ndarray, "n 2 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:

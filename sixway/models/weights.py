@@ -47,7 +47,8 @@ def load_with_card(
             f"run: {made_by} --run-dir {weights.parent}"
         )
     cards = [path for path in (card_path, _next(card_path)) if path.is_file()]
-    named = [path for path in cards if _names(path, sha256_file(weights))]
+    found = sha256_file(weights)
+    named = [path for path in cards if _names(path, found)]
     path = (named or cards)[0]
     card = parse_card(model, path.read_bytes(), source=str(path), kind=kind)
     if not named:

@@ -61,9 +61,10 @@ def shade(
 def map_of(
     light: Light, lightmap: SixWayLightmap, surface: SmokeSurface | SmokeSlab | None, rule: BlendRule
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "*n 3"]]:
-    """The maps weighted for one light, and what a white Lambertian facing the light shows, RGB.
+    """The maps weighted for one light, and what a white Lambertian facing the light shows: RGB, [3] of a sun, else
+    [h, w, 3].
 
-    Raises ValueError for a lamp without a surface.
+    Raises ValueError for a lamp without a surface, and for a `SmokeSlab` of another size.
     """
     if isinstance(light, DirectionalLight):
         return lightmap.maps @ blend_weights(np.array(light.to_light), rule).astype(np.float32), np.array(light.colour)

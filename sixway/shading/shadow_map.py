@@ -14,6 +14,7 @@ from jaxtyping import Float
 from sixway.core.frames import Camera, Grid, Vector
 from sixway.core.solids import Solid
 from sixway.shading.light import DirectionalLight, Light, LineLight, PointLight, RectangleLight, SpotLight
+from sixway.shading.near import middle_of
 from sixway.shading.solid_depth import bounding_sphere, solid_depth
 from sixway.shading.surface import SmokeSurface, project
 
@@ -59,7 +60,7 @@ def light_camera(light: Light, solids: Sequence[Solid], grid: Grid, camera: Came
             width_px=size_px,
             height_px=size_px,
         )
-    position = np.array(_position(light))
+    position = middle_of(light)
     distance = float(np.linalg.norm(position - centre))
     fov = 2.0 * math.degrees(math.asin(min(1.0, grid.radius_m / max(distance, 1e-12))))
     if fov > _WIDEST_DEG:
@@ -142,16 +143,6 @@ def _penumbra(shadow: ShadowMap, receiver: np.ndarray, blocker: np.ndarray | flo
 
 def _nearest_m(shadow: ShadowMap) -> float:
     return float(shadow.depth_m.min())
-
-
-def _position(light: PointLight | SpotLight | LineLight | RectangleLight) -> Vector:
-    match light:
-        case PointLight() | SpotLight():
-            return light.position_m
-        case LineLight():
-            return _vector(0.5 * (np.array(light.start_m) + light.end_m))
-        case RectangleLight():
-            return light.centre_m
 
 
 def _size(light: Light) -> float:

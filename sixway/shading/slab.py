@@ -44,7 +44,6 @@ class SmokeSlab:
                 raise ValueError(f"slab {name} has shape {plane.shape}, the camera asks for {shape}")
             if not np.isfinite(plane).all() or (name != "begins_m" and not (plane > 0.0).all()):
                 raise ValueError(f"slab {name} must be finite{'' if name == 'begins_m' else ' and positive'}")
-
         if not 0.0 <= self.albedo <= 1.0:
             raise ValueError(f"slab albedo {self.albedo} must lie in [0, 1]")
 
@@ -106,4 +105,5 @@ class SmokeSlab:
 
     @property
     def extinction_per_m(self) -> Plane:
+        """Of the slab's even smoke [1/m], [h, w]."""
         return self.optical_depth / self.thickness_m

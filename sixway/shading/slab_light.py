@@ -5,7 +5,8 @@ and from the front to its back: so each column is lit in steps. Each map holds w
 column, and even smoke says how that spreads over the steps: side maps fall off with depth as the camera's own view
 does; the front map twice as fast, for its light has come the same way; the back map is even, for what is lost before
 a step and behind it adds up to the same. And maps have lost light on the whole way from outside, where a lamp at a
-distance d loses it over d only: so no step gets less than even smoke leaves over d.
+distance d loses it over d only: so no step gets less than even smoke leaves over d. That least light is isotropic
+whatever the maps are: of smoke that scatters forwards it is too much where the lamp is on the camera's side.
 
 Where the lamp is far away the steps are lit alike, their shares add up to 1, and the light is the plain mix of maps.
 """
@@ -110,6 +111,8 @@ def _extinction_to(light: NearLight, slab: SmokeSlab, alpha: Plane) -> Plane:
     pixel, depth = project(slab.camera, middle_of(light)[None])
     if depth[0] > 0.0:
         at = [[pixel[0, 1] - 0.5], [pixel[0, 0] - 0.5]]
-        opacity, lamps = (map_coordinates(plane, at, order=1, mode="constant")[0] for plane in (alpha, alpha * own))
+        opacity, lamps = (
+            map_coordinates(plane, at, order=1, mode="grid-constant")[0] for plane in (alpha, alpha * own)
+        )
         at_lamp = lamps + (1.0 - opacity) * at_lamp
     return (alpha * own + at_lamp) / (alpha + 1.0)

@@ -91,8 +91,9 @@ def find_volumes(pattern: str) -> list[Path]:
     """
     path = Path(pattern)
     if path.is_dir():
-        readable = (p for p in path.iterdir() if p.suffix.lower() in READABLE)
-        by_format = sorted(readable, key=lambda p: p.suffix.lower() == ".npz")  # last: it alone holds wind and solids
+        readable = (p for p in path.iterdir() if p.suffix.lower() in READABLE and p.is_file())
+        # .npz last: it alone holds wind and solids
+        by_format = sorted(readable, key=lambda p: (p.suffix.lower() == ".npz", p.name))
         found = list({p.stem: p for p in by_format}.values())
     else:
         found = [Path(name) for name in glob.glob(pattern)] or [path]

@@ -11,11 +11,11 @@ from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.exr import read_exr, read_exr_attributes
 from sixway.core.frames import Grid
 from sixway.core.records import DensityFrame
-from sixway.generation.simulation import CHECKPOINT
 from sixway.shading.fire import ArtistRamp, fire_colour
 from sixway.shading.sheet import lightmap_sheet
 from sixway.simulate import main as simulate
 from sixway.volumes.npz import write_npz
+from sixway.volumes.read import CHECKPOINT
 
 JET = Path(__file__).parents[1] / "data/jet.npz"
 CHANNELS = LIGHTMAP_CHANNELS[:-1]

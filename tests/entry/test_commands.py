@@ -4,6 +4,7 @@ import json
 import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -158,6 +159,17 @@ def test_evaluate_scores_the_best_net_on_request(run: Callable, trained_run: Pat
     onnx = tmp_path / "net.onnx"
     onnx.touch()
     assert "--best chooses a net of a run" in run("evaluate", onnx, "--best").error
+
+
+def test_evaluate_scores_the_best_net_of_a_run_that_goes_on(run: Callable, trained_run: Path, tmp_path: Path) -> None:
+    unfinished = tmp_path / "run"
+    shutil.copytree(trained_run, unfinished)
+    (unfinished / "model.json").unlink()
+    done = run("evaluate", unfinished, "--best", "--split", "val", "--out", tmp_path / "out")
+    assert (done.status, done.err) == (0, "")
+    assert "wall_seconds" not in json.loads((tmp_path / "out/report.json").read_text())["training"]
+    shutil.rmtree(unfinished / "best")
+    assert "best: no net here; a run keeps one" in run("evaluate", unfinished, "--best").error
 
 
 def test_evaluate_names_what_is_missing(run: Callable, trained_run: Path, tmp_path: Path) -> None:

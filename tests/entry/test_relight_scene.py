@@ -93,6 +93,7 @@ BAD: dict[str, tuple[list[str], str]] = {
     "lamp in the smoke": (["--solid", "sphere@2:0:0,radius=1", "--light", "point@0.5:0:0"], "move the lamp away"),
     "negative softness": (["--solid", "sphere@2:0:0,radius=1", "--shadow-softness", "-1"], "--shadow-softness -1.0"),
     "no fade": (["--solid", "sphere@2:0:0,radius=1", "--soft-particles", "0"], "--soft-particles 0.0 must be pos"),
+    "fade without a solid": (["--soft-particles", "0.1"], "about solids; name one with --solid"),
     "solid colour": (["--solid", "sphere@2:0:0,radius=1", "--solid-colour", "1"], "--solid-colour '1' is not R,G,B"),
     "range that falls": (["--map-range", "1:0"], "--map-range 1:0: .*must rise"),
     "two shapes": (["--map-contrast", "1", "--map-curve", "0:0,1:1"], "one shape at a time"),

@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from sixway.core.store import read_json_lines
-from sixway.generation.simulation import CHECKPOINT, INDEX, Simulation
+from sixway.generation.simulation import INDEX, Simulation
 from sixway.sim.scenario import ScenarioConfig
 from sixway.simulate import main
-from sixway.volumes.read import read_volume
+from sixway.volumes.read import CHECKPOINT, read_volume
 
 SCENARIO = """\
 name: puff

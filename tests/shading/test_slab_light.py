@@ -92,6 +92,17 @@ def test_nothing_jumps_where_a_lamp_enters_the_smoke() -> None:
     assert steps.max() < 0.12 and steps.max() < 3.0 * np.median(steps.max(axis=(1, 2)))
 
 
+def test_nothing_jumps_where_a_lamp_leaves_the_picture() -> None:
+    """The smoke is five times as thick on the right, where the lamp goes out; in black maps nothing else counts."""
+    depth = np.where(np.arange(12) < 6, 1.0, 5.0) * np.ones(SHAPE)
+    even = even_slab(1.0)
+    slab = SmokeSlab(camera=CAMERA, begins_m=even.begins_m, thickness_m=even.thickness_m, optical_depth=depth)
+    maps, edge = even_maps(0.0, 0.9), CAMERA.half_width_m
+    places = np.linspace(0.85 * edge, 1.15 * edge, 61)
+    shown = np.array([shade(maps, [lamp_at(float(x), 0.0, 0.0)], surface=slab)[..., 0] for x in places])
+    assert np.abs(np.diff(np.log(shown[:, :, :9]), axis=0)).max() < 0.2  # the last columns see the lamp go by
+
+
 def test_a_short_wire_is_a_lamp_and_a_panel_shines_on_one_side() -> None:
     slab, maps = even_slab(2.0), even_maps(0.15, 1.0 - math.exp(-2.0))
     lamp = lamp_at(0.04, 0.05, 0.0)

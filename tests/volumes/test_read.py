@@ -72,6 +72,7 @@ def test_a_folder_of_a_simulation_holds_each_frame_once_and_no_checkpoint(tmp_pa
     for name in ("frame_0000.npz", "frame_0000.vdb", "frame_0001.nvdb", "frame_0001.npz", "checkpoint.npz"):
         (tmp_path / name).touch()
     (tmp_path / "frame_0002.vdb").touch()
+    (tmp_path / "frame_0002.npz").mkdir()
     expected = ["frame_0000.npz", "frame_0001.npz", "frame_0002.vdb"]
     assert [path.name for path in find_volumes(str(tmp_path))] == expected
     assert [path.name for path in find_volumes(str(tmp_path / "*.npz"))] == expected[:2]

@@ -43,9 +43,9 @@ def main() -> int:
     size, repetitions = (64, 3) if chosen.quick else (chosen.size, 5)
     device = chosen.device
     wp.config.log_level = wp.LOG_WARNING
-    result = Measurement(
-        {"device": device, "size_px": size, "scenario": SCENARIO.name, "guide": CARD.guide}, repetitions
-    )
+    net, card = load_net(SHIPPED_NET)
+    about = {"device": device, "size_px": size, "scenario": SCENARIO.name, "guide": card.guide}
+    result = Measurement(about, repetitions)
 
     def timed(name: str, work, wait) -> None:
         result.add(name, 1e3 * median_seconds(work, repetitions=repetitions, wait=wait), "ms")

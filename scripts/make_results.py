@@ -11,7 +11,7 @@ import argparse
 import shlex
 import statistics
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -239,8 +239,13 @@ def _measured(path: Path | None, how: str, images: Path) -> str:
         return f"Not run: `{how}`."
     found = read_json(path)
     rows = found["rows"]
-    by_variant = rows and all("/" in row["name"] for row in rows)
-    table = _by_variant(rows) if by_variant else _row_by_row(rows)
+    names = [row["name"] for row in rows]
+    if rows and all("/" in name for name in names):
+        table = _by_column(rows, _variant_and_quantity)
+    elif len(set(names)) < len(names):  # the same thing in several units
+        table = _by_column(rows, lambda row: (row["name"], row["unit"]))
+    else:
+        table = _row_by_row(rows)
     about = f"`{how}`; commit {found['commit']}, {found['hardware']}, {found['seconds']:.0f} s."
     picture = ""
     if path.with_suffix(".png").is_file():
@@ -257,18 +262,21 @@ def _row_by_row(rows: Sequence[Mapping[str, Any]]) -> Table:
     return Table(title="", head=("", "value", "unit", "bound", ""), rows=lines)
 
 
-def _by_variant(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Rows named variant/quantity as one line a variant and one column a quantity."""
+def _variant_and_quantity(row: Mapping[str, Any]) -> tuple[str, str]:
+    """Of a row named variant/quantity, and the unit with the latter."""
+    variant, quantity = row["name"].split("/", 1)
+    quantity = quantity.removesuffix(f"_{row['unit'].lower()}").replace("_", " ")
+    return variant, f"{quantity} [{row['unit']}]"
+
+
+def _by_column(rows: Sequence[Mapping[str, Any]], line_and_column: Callable[..., tuple[str, str]]) -> Table:
+    """Rows of a script put together to lines with several columns."""
     values: dict[str, dict[str, str]] = {}
     for row in rows:
-        variant, quantity = row["name"].split("/", 1)
-        quantity = quantity.removesuffix(f"_{row['unit'].lower()}").replace("_", " ")
-        column = f"{quantity} [{row['unit']}]"
-        values.setdefault(variant, {})[column] = _number(row["value"]) + (
-            "" if row["ok"] else f" MISSED ({row['bound']})"
-        )
-    columns = list(dict.fromkeys(column for line in values.values() for column in line))
-    lines = tuple((name, *(line.get(column, "") for column in columns)) for name, line in values.items())
+        line, column = line_and_column(row)
+        values.setdefault(line, {})[column] = _number(row["value"]) + ("" if row["ok"] else f" MISSED ({row['bound']})")
+    columns = list(dict.fromkeys(column for cells in values.values() for column in cells))
+    lines = tuple((name, *(cells.get(column, "") for column in columns)) for name, cells in values.items())
     return Table(title="", head=("", *columns), rows=lines)
 
 

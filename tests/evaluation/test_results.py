@@ -53,6 +53,11 @@ def test_the_page_is_made_of_reports(run: Path, tmp_path: Path, capsys: pytest.C
     ]
     about = {"commit": "abc", "hardware": "two cores", "config": {}, "repetitions": 1, "seconds": 12.0}
     write_json(tmp_path / "floors.json", {"rows": rows, **about})
+    twice = [
+        {"name": "path", "value": value, "unit": unit, "bound": "", "ok": True}
+        for value, unit in ((12.0, "ms"), (30.5, "dB"))
+    ]
+    write_json(tmp_path / "inference.json", {"rows": twice, **about})
     curve = [
         {"name": f"{name}/cost_ms", "value": value, "unit": "ms", "bound": "", "ok": True}
         for name, value in (("paper", 80.0), ("rich", 92.5))
@@ -61,7 +66,7 @@ def test_the_page_is_made_of_reports(run: Path, tmp_path: Path, capsys: pytest.C
     Image.new("RGB", (8, 8)).save(tmp_path / "guides.png")
     out = tmp_path / "docs/results.md"
     ablation = ablated(run, tmp_path / "ablation")
-    measured = [f"--{name}={tmp_path / name}.json" for name in ("guides", "floors")]
+    measured = [f"--{name}={tmp_path / name}.json" for name in ("guides", "floors", "inference")]
     options = ["--ablation", str(ablation), *measured, "--out", str(out)]
     assert script("make_results").main([str(run), str(other), *options]) == 0
     page = out.read_text()
@@ -76,7 +81,8 @@ def test_the_page_is_made_of_reports(run: Path, tmp_path: Path, capsys: pytest.C
     assert "| guide | 3.25 | ms | <= 2 | MISSED |" in page and "| spare | none | dB |  |  |" in page
     assert "|  | cost [ms] | net psnr [dB] |" in page
     assert "| paper | 80 |  |" in page and "| rich | 92.5 | 41 MISSED (>= 42) |" in page
-    for absent in ("validate_volumes", "bench_inference"):
+    assert "|  | ms | dB |" in page and "| path | 12 | 30.5 |" in page
+    for absent in ("validate_volumes", "validate_exports"):
         assert f"Not run: `python scripts/{absent}.py" in page
     assert "No frame of the test split burns." in page
     shown = {path.name for path in (out.parent / "images").iterdir()}

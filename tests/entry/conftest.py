@@ -1,5 +1,6 @@
 """Commands run in this process, and small inputs for them."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -47,6 +48,22 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
         return Outcome(status=status, out=captured.out, err=captured.err)
 
     return command
+
+
+@pytest.fixture
+def refused(
+    run: Callable[..., Outcome], trained_run: Path, ball: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[list[str], str], None]:
+    """``refused(options, message)``: relight answers them with that one line and writes nothing."""
+
+    def check(options: list[str], message: str) -> None:
+        monkeypatch.chdir(tmp_path)
+        told = run("relight", ball, "--checkpoint", trained_run, "-o", "out.png", *options).error
+        assert re.search(message, told), told
+        assert len(told.splitlines()) == 1
+        assert list(tmp_path.iterdir()) == []
+
+    return check
 
 
 @pytest.fixture(scope="session")

@@ -223,6 +223,11 @@ class Camera:
     def half_width_m(self) -> float:
         return self.half_height_m * self.width_px / self.height_px
 
+    @property
+    def pixel_m(self) -> float:
+        """Edge of a pixel at the target [m]."""
+        return 2.0 * self.half_height_m / self.height_px
+
     def to_world(self, vector: Vector) -> Vector:
         """A camera-frame vector, such as a `to_light`, in world coordinates."""
         x, y, z = np.array(vector) @ self.basis
@@ -244,6 +249,20 @@ class Camera:
     def resized(self, width_px: int, height_px: int) -> "Camera":
         """The same view at another resolution; a different aspect widens or narrows the image."""
         return replace(self, width_px=width_px, height_px=height_px)
+
+
+SUBPIXELS = 4
+"""References look at every pixel through a regular division into 4 x 4, unless it is much smaller than a voxel."""
+
+_SMALL_PIXEL_VOXELS = 0.75
+
+
+def enough_divisions(grid: Grid, camera: Camera) -> int:
+    """Sub-pixels along a pixel's edge for a march in steps of a voxel: half as many where pixels are small.
+
+    2 x 2 differ from 8 x 8 by 0.1 % of the mean where a pixel is 0.65 voxels wide (4 x 4: 0.02 %).
+    """
+    return SUBPIXELS if camera.pixel_m > _SMALL_PIXEL_VOXELS * grid.voxel_size_m else SUBPIXELS // 2
 
 
 def parse_size(text: str) -> tuple[int, int]:

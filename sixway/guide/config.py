@@ -7,7 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from sixway.core.config import Config
 from sixway.core.conventions import DIRECTIONS
-from sixway.core.frames import Camera, Grid
+from sixway.core.frames import Camera, Grid, enough_divisions
 
 Direction = Literal["right", "left", "top", "bottom", "front", "back"]
 
@@ -18,8 +18,6 @@ LIGHT_SETS: dict[str, tuple[Direction, ...]] = {
     "all": ("right", "left", "top", "bottom", "front", "back"),
 }
 """Sets of surrogate lights that go by a name; `front_tb` is the paper's."""
-
-_SMALL_PIXEL_VOXELS = 0.75
 
 _MARCH_ONLY = {"steps_per_edge": 40, "weight": "exact"}
 """Options that only `lighting: march` reads, with their defaults."""
@@ -59,7 +57,7 @@ class GuideConfig(Config):
     jitter: bool = True
     """Shift each ray's samples by a seeded part of a step, against banding."""
     pixel_samples: Literal[1, 4, 16] = 1
-    """Rays of pixels whose transmittance differs from a neighbour's by more than 0.1, such as those on the edge of an
+    """Rays of pixels whose transmittance differs from a neighbour's by more than 0.02, such as those on the edge of an
     obstacle: in a square, and the pixel is their mean. 16 are 4 where pixels are small, see `rays_a_side`."""
     emission: bool = False
     """A channel ``emissive`` as a lightmap has it; 0 for a frame without fire."""
@@ -111,10 +109,5 @@ class GuideConfig(Config):
         return max(grid.extent_m) / self.steps_per_edge
 
     def rays_a_side(self, camera: Camera, grid: Grid) -> int:
-        """Rays along an edge of the pixels that get more than one: no more than the reference takes.
-
-        It halves its 4 where a pixel is at most 0.75 voxels wide.
-        """
-        rays = math.isqrt(self.pixel_samples)
-        pixel_m = 2.0 * camera.half_height_m / camera.height_px
-        return 2 if rays == 4 and pixel_m <= _SMALL_PIXEL_VOXELS * grid.voxel_size_m else rays
+        """Rays along an edge of the pixels that get more than one: no more than the reference takes."""
+        return min(math.isqrt(self.pixel_samples), enough_divisions(grid, camera))

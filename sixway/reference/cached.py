@@ -20,13 +20,13 @@ import numpy as np
 from jaxtyping import Float
 
 from sixway.core.conventions import DIRECTIONS, Bounces
-from sixway.core.frames import Camera, Vector
+from sixway.core.frames import Camera, Vector, enough_divisions
 from sixway.core.records import DensityFrame, Medium
 from sixway.reference import kernels
 from sixway.reference.lights import sun_disc
 from sixway.reference.media import Extinction, coarsened, cropped, refined
 from sixway.reference.sweep import Sweep
-from sixway.reference.view import SIX_LIGHTS, View, enough_divisions, grid_on_device, vector
+from sixway.reference.view import SIX_LIGHTS, View, grid_on_device, vector
 from sixway.reference.voxels import DirectionalField, Field, Voxels
 
 _CAMERA_CUTOFF = 1e-4

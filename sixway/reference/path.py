@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 from sixway.core.conventions import DIRECTIONS, Bounces
-from sixway.core.frames import Camera, Vector
+from sixway.core.frames import SUBPIXELS, Camera, Vector
 from sixway.core.records import DensityFrame, Medium
 from sixway.reference import kernels
 from sixway.reference.media import cropped
 from sixway.reference.tracking import delta_tracked, ratio_tracked
-from sixway.reference.view import SIX_LIGHTS, SUBPIXELS, View, grid_on_device
+from sixway.reference.view import SIX_LIGHTS, View, grid_on_device
 
 _MOST_SCATTERINGS: dict[Bounces, int] = {"single": 1, "paper": 2, "multi": 0xFFFFFFFF}
 _ROULETTE_FROM = 16  # scatterings; from here on a path survives with probability albedo

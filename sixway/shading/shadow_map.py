@@ -87,7 +87,7 @@ def visible_points(
     Fernando 2005 (PCSS), and `softness_m` more. Points outside the map are lit.
     """
     pixels, depth = project(shadow.camera, points_m)
-    texel_m = 2.0 * shadow.camera.half_height_m / shadow.camera.height_px
+    texel_m = shadow.camera.pixel_m
     lean = 1.0 if shadow.camera.kind == "orthographic" else depth / shadow.camera.distance_m
     bias = 1.5 * texel_m * lean
     per_texel = texel_m * lean  # metres that a texel covers at the point

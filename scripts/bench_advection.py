@@ -18,8 +18,8 @@ import warp as wp
 from measurement import Measurement, parser
 from sim_experiments_advection import SCHEMES, rotation_table
 
-from sixway.sim.forces import Forces
-from sixway.sim.scalars import Scalars
+from sixway.sim.carried.forces import Forces
+from sixway.sim.carried.scalars import Scalars
 
 STEPS = 10.0
 ONE_FIELD_MS, FURTHER_FIELD_MS = 150.0, 90.0  # at 128^3, cubic, on two idle cores

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from sixway.sim.scalars import Scalars, Scheme
+from sixway.sim.carried.scalars import Scalars, Scheme
 
 SCHEMES: tuple[Scheme, ...] = ("cubic", "maccormack", "linear")
 

@@ -9,14 +9,14 @@ from pydantic import Field, model_validator
 from sixway.core.config import Config
 from sixway.core.frames import Grid
 from sixway.core.store import sha256_file
-from sixway.sim.burn import NEEDED, BurnConfig
+from sixway.sim.bodies.shapes import Mesh, ObstacleConfig
+from sixway.sim.carried.burn import NEEDED, BurnConfig
+from sixway.sim.carried.scalars import FaceKind
 from sixway.sim.checks import check_places
-from sixway.sim.faces import SIDES, Faces, Side, opposite
-from sixway.sim.flow import FlowConfig
+from sixway.sim.flow.faces import SIDES, Faces, Side, opposite
+from sixway.sim.flow.flow import FlowConfig
 from sixway.sim.moments import check_moments
 from sixway.sim.resolution import Resolution, Timing, grids
-from sixway.sim.scalars import FaceKind
-from sixway.sim.shapes import Mesh, ObstacleConfig
 from sixway.sim.sources import InletConfig, PuffConfig, WindConfig
 from sixway.sim.units import LatticeUnits
 

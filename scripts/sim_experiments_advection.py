@@ -1,4 +1,4 @@
-"""Experiments on the advection of scalars, for `validate_sim.py` and `bench_advection.py`."""
+"""Experiments on the advection of scalars, for `validate_sim.py`."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import warp as wp
 
 from sixway.sim.carried.scalars import Scalars, Scheme
 
-SCHEMES: tuple[Scheme, ...] = ("cubic", "maccormack", "linear")
+SCHEMES: tuple[Scheme, ...] = ("cubic", "linear")
 
 
 @dataclass(frozen=True, kw_only=True)

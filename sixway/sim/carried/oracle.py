@@ -28,7 +28,7 @@ def advect(
     solid: Solid | None = None,
     floor: float = 0.0,
 ) -> Fields:
-    """One step of "cubic", "linear" or "maccormack" over all voxels, without skipping any."""
+    """One step of "cubic" or "linear" over all voxels, without skipping any."""
     shape = fields.shape[1:]
     nowhere = np.zeros(shape, bool)
     before = nowhere if solid_before is None else solid_before
@@ -47,26 +47,6 @@ def advect(
         if scheme == "cubic":
             value = np.where(walled, value, clamped_cubic(field, base, part, faces))
         carried.append(_floored(np.where(outside | now.reshape(-1), 0.0, value), floor))
-    if scheme != "maccormack":
-        return np.reshape(carried, fields.shape)
-
-    ahead = displacement(velocity, at, refinement=refinement, steps=-steps, faces=faces)
-    base = np.floor(at + d).astype(int)
-    ahead_base = np.floor(ahead).astype(int)
-    part = ahead - ahead_base
-    ahead_base += at.astype(int)
-    kept = ~(is_inner(base, shape) & is_inner(ahead_base, shape)) | now.reshape(-1)
-    for stencil, margin in ((base, 0), (ahead_base, 0), (at.astype(int), 1)):
-        kept |= touches_solid(before, stencil, margin, faces)
-    for trace in (d, ahead):
-        kept |= np.any(last_free(before, at, trace, faces) != trace, axis=1)
-    for number, field in enumerate(fields):
-        predicted = carried[number].reshape(shape)
-        back = free_linear(predicted, nowhere, ahead_base, part, faces)
-        around = np.stack([_read(field, base + corner, faces) for corner in np.ndindex(2, 2, 2)])
-        value = predicted.reshape(-1) + 0.5 * (field.reshape(-1) - back)
-        value = np.clip(value, around.min(axis=0), around.max(axis=0))
-        carried[number] = np.where(kept, carried[number], _floored(value, floor))
     return np.reshape(carried, fields.shape)
 
 
@@ -135,10 +115,6 @@ def touches_solid(
     for offset in np.ndindex((2 + 2 * margin,) * 3):
         touched |= _read(solid, base + np.array(offset) - margin, faces)
     return touched
-
-
-def is_inner(base: Int[np.ndarray, "n 3"], shape: tuple[int, ...]) -> Bool[np.ndarray, "n"]:
-    return np.all((base >= 1) & (base <= np.array(shape[::-1]) - 3), axis=1)
 
 
 def free_linear(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import warp as wp
@@ -11,7 +11,7 @@ from sixway.bands import RowBands
 from sixway.sim.carried import advection_kernels, scalar_kernels, survey_kernels
 from sixway.sim.flow.faces import SIDES, Side
 
-Scheme = Literal["cubic", "maccormack", "linear"]
+Scheme = Literal["cubic", "linear"]
 FaceKind = Literal["closed", "open", "periodic"]
 _KINDS = {"closed": advection_kernels.CLOSED, "open": advection_kernels.OPEN, "periodic": advection_kernels.PERIODIC}
 MOST_FIELDS = 30
@@ -25,9 +25,9 @@ class Scalars:
     any smoke, heat or fuel comes in. floor: absolute values up to it become 0 when they are carried, so that smoke has
     an end and empty space can be skipped. threads: CPU threads; they change no byte.
 
-    scheme: "cubic", Catmull-Rom in each axis clamped to the eight voxels around the departure point; "maccormack",
-    clamped (Selle et al. 2008), trilinear beside walls and faces; "linear" (Stam 1999), the most blurred. All three
-    trace back by the midpoint rule. None conserves mass: `mass()` tells what there is.
+    scheme: semi-Lagrangian, traced back by the midpoint rule. "cubic", Catmull-Rom in each axis clamped to the eight
+    voxels around the departure point; "linear" (Stam 1999), which blurs. Neither conserves mass: `mass()` tells what
+    there is.
 
     Obstacles hold no smoke, block the backtrace, and take no part in interpolation (the voxels beside them are read
     trilinearly). The backtrace sees them where they stood when the fields were last carried (nowhere, at first): so
@@ -53,8 +53,8 @@ class Scalars:
             raise ValueError(f"field names {names} must be 1 to {MOST_FIELDS} different names; rename or drop some")
         if refinement not in (1, 2, 4):
             raise ValueError(f"refinement {refinement} must be 1, 2 or 4 voxels a cell; choose one of them")
-        if scheme not in ("cubic", "maccormack", "linear"):
-            raise ValueError(f"scheme {scheme!r} is not known; choose cubic, maccormack or linear")
+        if scheme not in get_args(Scheme):
+            raise ValueError(f"scheme {scheme!r} is not known; choose cubic or linear")
         if not (math.isfinite(floor) and floor >= 0.0):
             raise ValueError(f"floor {floor} must be finite and not negative; 0 keeps every value")
         self.names = names
@@ -70,7 +70,6 @@ class Scalars:
         blocks = tuple(-(-n // survey_kernels.BLOCK) for n in self.shape_zyx)
         self._now = self._zeros((len(names), *self.shape_zyx), wp.float32)
         self._next = wp.zeros_like(self._now)
-        self._predicted = wp.zeros_like(self._now) if scheme == "maccormack" else None
         self._solid = self._zeros(self.shape_zyx, wp.uint8)
         self._solid_next = wp.zeros_like(self._solid)
         self._no_obstacles = self._zeros((0, 0, 0), wp.float32)
@@ -106,15 +105,11 @@ class Scalars:
         self._survey(velocity, steps, self._no_obstacles if solid_fraction is None else solid_fraction)
         scheme = advection_kernels.CUBIC if self.scheme == "cubic" else advection_kernels.LINEAR
         reach = [float(self.refinement), float(steps), self._faces]
-        carried = self._next if self._predicted is None else self._predicted
         self._launch_voxels(
             advection_kernels.advect,
             [velocity, self._solid, self._solid_next, self._flags, *reach, scheme, self._floor, self._now],
-            carried,
+            self._next,
         )
-        if self._predicted is not None:
-            inputs = [velocity, self._solid, self._solid_next, self._flags, *reach, self._floor, self._now, carried]
-            self._launch_voxels(advection_kernels.correct, inputs, self._next)
         self._now, self._next = self._next, self._now
         self._solid, self._solid_next = self._solid_next, self._solid
 

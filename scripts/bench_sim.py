@@ -26,10 +26,10 @@ from measurement import Measurement, parser
 from pydantic import ValidationError
 
 from sixway.core.config import load_config
-from sixway.sim.collision import Model
-from sixway.sim.flow import Flow, FlowConfig
-from sixway.sim.flow_text import Streaming
-from sixway.sim.lattice import LatticeName, lattice_named
+from sixway.sim.flow.collision import Model
+from sixway.sim.flow.flow import Flow, FlowConfig
+from sixway.sim.flow.generated.pieces import Streaming
+from sixway.sim.flow.lattice import LatticeName, lattice_named
 from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import SmokeSolver
 

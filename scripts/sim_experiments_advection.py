@@ -1,13 +1,13 @@
-"""Experiments on the advection of scalars, for `validate_sim.py` and `bench_advection.py`."""
+"""Experiments on the advection of scalars, for `validate_sim.py`."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
-from sixway.sim.scalars import Scalars, Scheme
+from sixway.sim.carried.scalars import Scalars, Scheme
 
-SCHEMES: tuple[Scheme, ...] = ("cubic", "maccormack", "linear")
+SCHEMES: tuple[Scheme, ...] = ("cubic", "linear")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,12 +6,12 @@ import numpy as np
 from sim_experiments_flow import Variant, air_of, put_inlets, velocity_of
 
 from sixway.core.frames import Grid
-from sixway.sim.flow import INSIDE, Flow
-from sixway.sim.lattice import lattice_named
-from sixway.sim.motion import RigidMotion
-from sixway.sim.shapes import Body, Cylinder, Sphere
+from sixway.sim.bodies.motion import RigidMotion
+from sixway.sim.bodies.shapes import Body, Cylinder, Sphere
+from sixway.sim.bodies.voxelise import ObstacleField
+from sixway.sim.flow.flow import INSIDE, Flow
+from sixway.sim.flow.lattice import lattice_named
 from sixway.sim.units import LatticeUnits
-from sixway.sim.voxelise import ObstacleField
 
 CELL_M = 0.01
 """Edge of a cell; a second is a step."""

@@ -8,11 +8,11 @@ import numpy as np
 import warp as wp
 from pydantic import ValidationError
 
-from sixway.sim import flow_oracle
-from sixway.sim.collision import Model
-from sixway.sim.faces import Face, Faces, MovingWall
-from sixway.sim.flow import INSIDE, Flow, FlowConfig
-from sixway.sim.lattice import FLUID, LatticeName, lattice_named
+from sixway.sim.flow import oracle
+from sixway.sim.flow.collision import Model
+from sixway.sim.flow.faces import Face, Faces, MovingWall
+from sixway.sim.flow.flow import INSIDE, Flow, FlowConfig
+from sixway.sim.flow.lattice import FLUID, LatticeName, lattice_named
 from sixway.sim.moments import MomentFlow
 
 
@@ -257,7 +257,7 @@ def difference_from_oracle(variant: Variant, *, steps: int = 3) -> float:
     g, air = flow.populations().astype(float), air_of(flow)
     flow.step(steps)
     for _ in range(steps):
-        g = flow_oracle.step(
+        g = oracle.step(
             lattice_named(variant.lattice), variant.model, kind, imposed, force, g, tau=0.56, smagorinsky=0.1
         )
     return float(np.abs(flow.populations() - g)[:, air].max())

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from sim_experiments_flow import Variant, air_of, put_inlets, put_solid, velocity_of
 
-from sixway.sim.flow import INSIDE, Flow
+from sixway.sim.flow.flow import INSIDE, Flow
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ from sixway.inference.predict import OnnxPredictor, Predictor, load_predictor, p
 from sixway.metrics.psnr import psnr
 from sixway.models.card import NetCard
 from sixway.reference.lightmaps import LightmapTracer, ReferenceConfig
-from sixway.sim.distance_field import distance_field
-from sixway.sim.meshes import read_surface
+from sixway.sim.bodies.distance_field import distance_field
+from sixway.sim.bodies.meshes import read_surface
 from sixway.volumes.extinction import extinction_for_optical_depth
 from sixway.volumes.read import Up
 from sixway.volumes.sequence import open_sequence

@@ -17,7 +17,7 @@ import numpy as np
 
 from sixway.core.frames import Grid, Vector
 from sixway.core.solids import Box, Cylinder, Mesh, Solid, Sphere
-from sixway.sim.meshes import read_surface
+from sixway.sim.bodies.meshes import read_surface
 from sixway.volumes.read import Up
 
 SOLID_FORMS = (

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sixway.core.frames import Grid
-from sixway.sim.shapes import Body, check_bodies, nearest_approach
+from sixway.sim.bodies.shapes import Body, check_bodies, nearest_approach
 from sixway.sim.sources import InletConfig, PuffConfig
 from sixway.sim.units import LatticeUnits
 

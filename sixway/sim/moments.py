@@ -11,10 +11,11 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from sixway.sim import collision_oracle, flow_kernels, flow_oracle, moments_kernels, moments_native
-from sixway.sim.flow import Flow, FlowConfig
-from sixway.sim.flow_edges import OPEN_RELAXATION
-from sixway.sim.lattice import D3Q27
+from sixway.sim import moments_kernels, moments_native
+from sixway.sim.flow import collision_oracle, kernels, oracle
+from sixway.sim.flow.flow import Flow, FlowConfig
+from sixway.sim.flow.generated.edges import OPEN_RELAXATION
+from sixway.sim.flow.lattice import D3Q27
 
 
 def check_moments(config: FlowConfig) -> None:
@@ -47,7 +48,7 @@ class MomentFlow(Flow):
     def update_velocity(self) -> None:
         inputs = [self.kind, self.imposed, self.force, self._stride, self._grid]
         self._launch(moments_kernels.measure, self._shape, inputs, [self.density, self.velocity])
-        self._launch(flow_kernels.extend, self._shape[:2], [self.kind, self.imposed], [self.density, self.velocity])
+        self._launch(kernels.extend, self._shape[:2], [self.kind, self.imposed], [self.density, self.velocity])
 
     def moments(self) -> np.ndarray:
         """Density - 1, velocity at the end of the step and stress (xx, yy, zz, xy, xz, yz) of air [10, z, y, x]."""
@@ -63,7 +64,7 @@ class MomentFlow(Flow):
 
     def force_on_solid(self) -> np.ndarray:
         kind, imposed = self.kind.numpy(), self.imposed.numpy().astype(np.float64)
-        return flow_oracle.force_on_solid(D3Q27, kind, imposed, self.populations())
+        return oracle.force_on_solid(D3Q27, kind, imposed, self.populations())
 
     @cached_property
     def _launches(self) -> list[list[Callable[[], None]]]:

@@ -6,7 +6,7 @@
 
 import warp as wp
 
-from sixway.sim.flow_kernels import FLUID, IMAGE, OPEN, SOLID, image_of, inner
+from sixway.sim.flow.kernels import FLUID, IMAGE, OPEN, SOLID, image_of, inner
 
 wp.set_module_options({"enable_backward": False})
 
@@ -66,7 +66,7 @@ def stand_for(
     drawn: float,
     cells: wp.array[wp.float32],
 ):
-    """Moments of what is no air, from air alone, as `sixway.sim.flow_edges.send` says; walls have their velocity.
+    """Moments of what is no air, from air alone, as `flow.generated.edges.send` says; walls have their velocity.
 
     drawn: share of an OPEN side's density that is drawn towards 1.
     """

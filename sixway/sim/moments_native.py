@@ -1,6 +1,6 @@
 """Generated C++ of the moment-encoded lattice: ten moments a cell instead of 27 populations (Li et al. 2023).
 
-A cell's moments, in planes of `stride` floats as `sixway.sim.flow_native` has them: density - 1, velocity v (x, y, z)
+A cell's moments, in planes of `stride` floats as `flow.generated.air` has them: density - 1, velocity v (x, y, z)
 at the end of the step, and the stress about v less density / 3 (xx, yy, zz, xy, xz, yz). All it sends follows from
 them. Cells that are no air have moments too: SOLID ones the velocity of their wall, the others what they stand for.
 """
@@ -9,11 +9,11 @@ from functools import cache
 
 import warp as wp
 
-from sixway.sim import collision
-from sixway.sim.lattice import D3Q27, FLUID
+from sixway.sim.flow import collision
+from sixway.sim.flow.lattice import D3Q27, FLUID
 
 MOMENTS = ("t_shift", *(f"t_v{a}" for a in collision.AXES), *(f"t_p{a}{b}" for a, b in collision.PLANES))
-"""The ten moments as `sixway.sim.collision` names them, in their order in memory."""
+"""The ten moments as `sixway.sim.flow.collision` names them, in their order in memory."""
 
 
 @cache

@@ -6,17 +6,17 @@ import numpy as np
 import warp as wp
 
 from sixway.core.records import DensityFrame
-from sixway.sim.burn import Burner
-from sixway.sim.flow import INSIDE, Flow
-from sixway.sim.forces import Forces
-from sixway.sim.gusts_kernels import blow
-from sixway.sim.lattice import SOUND_SPEED
+from sixway.sim.bodies.voxelise import ObstacleField
+from sixway.sim.carried.burn import Burner
+from sixway.sim.carried.forces import Forces
+from sixway.sim.carried.scalars import Scalars
+from sixway.sim.flow.flow import INSIDE, Flow
+from sixway.sim.flow.lattice import SOUND_SPEED
+from sixway.sim.flow.watch import Watch
+from sixway.sim.gusts import blow
 from sixway.sim.moments import MomentFlow
 from sixway.sim.placement import SmokeSources, first_wind, imposed_cells
-from sixway.sim.scalars import Scalars
 from sixway.sim.scenario import ScenarioConfig
-from sixway.sim.voxelise import ObstacleField
-from sixway.sim.watch import Watch
 
 
 class FlowError(RuntimeError):

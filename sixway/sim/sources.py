@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 
 from sixway.core.config import Config
-from sixway.sim.faces import Side
-from sixway.sim.motion import Position
+from sixway.sim.bodies.motion import Position
+from sixway.sim.flow.faces import Side
 
 Component = Annotated[float, Field(ge=-1.0, le=1.0)]
 

@@ -147,6 +147,6 @@ def test_the_checkerboard_number_tells_smooth_air_noise_and_checkerboards_apart(
 
 def test_cubic_advection_keeps_most_of_a_sharp_density(device: str) -> None:
     kept = {row.scheme: row for row in rotation_table(voxels=32, steps=50, device=device)}
-    assert kept["cubic"].l1_error < kept["maccormack"].l1_error < kept["linear"].l1_error
-    assert kept["cubic"].energy > kept["maccormack"].energy > kept["linear"].energy
+    assert kept["cubic"].l1_error < kept["linear"].l1_error
+    assert kept["cubic"].energy > kept["linear"].energy
     assert all(row.least >= 0.0 and row.most <= 1.0 + 1e-6 for row in kept.values())

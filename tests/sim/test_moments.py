@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sixway.sim import collision_oracle as oracle
-from sixway.sim.faces import Faces, MovingWall
-from sixway.sim.flow import Flow, FlowConfig
-from sixway.sim.lattice import D3Q27, FLUID, INLET
+from sixway.sim.flow import collision_oracle as oracle
+from sixway.sim.flow.faces import Faces, MovingWall
+from sixway.sim.flow.flow import Flow, FlowConfig
+from sixway.sim.flow.lattice import D3Q27, FLUID, INLET
 from sixway.sim.moments import MomentFlow
 
 SHAPE = (9, 10, 11)

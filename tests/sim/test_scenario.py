@@ -83,6 +83,8 @@ def test_a_frame_takes_the_same_time_at_every_tier() -> None:
         ({"flow": {"model": "magic"}}, "flow.model.*bgk"),
         ({"lattice_speed": 0.2, "inlets": [{**INLET, "turbulence": 0.5}]}, "peaks at 0.5.*lower lattice_speed"),
         ({"smoke": {"buoyancy_m_s2": 100.0}}, "could drive.*lower it by"),
+        ({"smoke": {"scheme": "maccormack"}}, "smoke.scheme.*was removed.*use cubic .sharp. or linear"),
+        ({"smoke": {"scheme": "upwind"}}, "smoke.scheme.*cubic.*linear"),
         ({"lattice_speed": 0.3}, "lattice_speed.*0.2"),
         ({"resolution": {"cells": 4, "refinement": 2}}, "resolution.*8"),
         ({"resolution": "huge"}, "resolution.*tiny"),

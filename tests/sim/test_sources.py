@@ -5,8 +5,7 @@ import pytest
 import warp as wp
 
 from sixway.core.frames import Grid
-from sixway.sim.gusts import Gusts
-from sixway.sim.gusts_kernels import blow
+from sixway.sim.gusts import Gusts, blow
 from sixway.sim.placement import SmokeSources, first_wind, imposed_cells, voxel_centres
 from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.sources import InletConfig, PuffConfig, WindConfig

@@ -3,11 +3,19 @@
 import difflib
 import json
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    TypeAdapter,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
@@ -15,10 +23,60 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 _LARGEST_CONFIG_BYTES = 1 << 20
 
 
+@dataclass(frozen=True)
+class Introduced:
+    """Marks a field that came after configs were first stored: ``new: Annotated[bool, Introduced(False)] = False``.
+
+    value: what everything made before does, in plain values as `model_dump(mode="json")` gives them. It stays for
+    ever, while the default of the field may change: a config of that value keeps its identity from before the field
+    was there, and a stored config without the field has it.
+    """
+
+    value: Any
+
+
 class Config(BaseModel):
     """Base of every config model: frozen, no unknown keys, no silent conversions."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    def identity(self) -> dict[str, Any]:
+        """Plain values that say which config this is; the one source of folder hashes and comparisons.
+
+        The dump, less every field, however deep, that still has the value it was `Introduced` with.
+        """
+        return self.model_dump(mode="json", context=_IDENTITY)
+
+    @model_serializer(mode="wrap")
+    def _without_what_was_introduced(self, dump: Callable[[Any], Any], info: Any) -> Any:
+        values = dump(self)
+        if info.context is _IDENTITY:
+            for name, mark in _introduced(type(self)):
+                if name in values and values[name] == mark.value:
+                    del values[name]
+        return values
+
+    @model_validator(mode="after")
+    def _as_it_was_stored(self, info: Any) -> "Config":
+        if (info.context or {}).get("stored"):
+            for name, mark in _introduced(type(self)):
+                if name not in self.model_fields_set:
+                    annotation: Any = type(self).model_fields[name].annotation
+                    plain = json.dumps(mark.value)
+                    self.__dict__[name] = TypeAdapter(annotation).validate_json(plain, context=info.context)
+        return self
+
+
+_IDENTITY = {"identity": True}
+
+
+def _introduced(model: type[BaseModel]) -> list[tuple[str, Introduced]]:
+    return [
+        (name, mark)
+        for name, field in model.model_fields.items()
+        for mark in field.metadata
+        if isinstance(mark, Introduced)
+    ]
 
 
 class ConfigError(ValueError):
@@ -28,9 +86,10 @@ class ConfigError(ValueError):
 Model = TypeVar("Model", bound=Config)
 
 
-def load_config(model: type[Model], path: Path, overrides: Sequence[str] = ()) -> Model:
+def load_config(model: type[Model], path: Path, overrides: Sequence[str] = (), *, stored: bool = False) -> Model:
     """Read `path` as YAML 1.2, apply `overrides` (``a.b=value``) and check the whole against `model`.
 
+    stored: written by `dump_config`, so that a field that it lacks was not yet there and is as it was `Introduced`.
     Raises ConfigError listing every mistake as ``file:line: key: rule``; FileNotFoundError if there
     is no such file.
     """
@@ -43,15 +102,15 @@ def load_config(model: type[Model], path: Path, overrides: Sequence[str] = ()) -
     problems = [problem for text in overrides if (problem := _override(tree, text, origins))]
     if problems:
         raise ConfigError("\n".join(problems))
-    return _validate(model, tree, source=str(path), origins=origins, folder=path.parent)
+    return _validate(model, tree, source=str(path), origins=origins, folder=path.parent, stored=stored)
 
 
-def parse_config(model: type[Model], values: Mapping[str, Any], *, source: str) -> Model:
-    """Check plain values (such as a config kept inside a checkpoint) against `model`.
+def parse_config(model: type[Model], values: Mapping[str, Any], *, source: str, stored: bool = False) -> Model:
+    """Check plain values against `model`. stored: such as a config kept inside a card, as `load_config` says.
 
     Raises ConfigError; `source` names where the values came from.
     """
-    return _validate(model, values, source=source, origins={})
+    return _validate(model, values, source=source, origins={}, stored=stored)
 
 
 def dump_config(config: Config) -> str:
@@ -111,6 +170,7 @@ def _validate(
     source: str,
     origins: dict[tuple[str, ...], str],
     folder: Path | None = None,
+    stored: bool,
 ) -> Model:
     """Fields that name files find the config's folder in their validation context."""
     try:
@@ -118,7 +178,7 @@ def _validate(
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{source}: holds a value that is no number, text, list or mapping: {error}") from error
     try:
-        return model.model_validate_json(plain, context={"folder": folder})
+        return model.model_validate_json(plain, context={"folder": folder, "stored": stored})
     except ValidationError as error:
         lines = sorted({_describe(model, tree, problem, source=source, origins=origins) for problem in error.errors()})
         raise ConfigError("\n".join(lines)) from error

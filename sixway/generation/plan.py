@@ -124,14 +124,12 @@ class Plan:
 
     def target(self, simulation: Simulation, view: View) -> Folder:
         """Reference frames, of one trace or the means of two (`HalvedTracer`); scored simulations get more samples."""
-        reference = self.reference(simulation).model_dump(mode="json")
+        reference = self.reference(simulation).identity()
         traces = 2 if self.tells_noise(simulation) else 1
         return self._of_view("target", simulation, view, {"reference": reference, "traces": traces})
 
     def guide(self, name: str, simulation: Simulation, view: View) -> Folder:
-        return self._of_view(
-            f"guide_{name}", simulation, view, {"guide": self.config.guides[name].model_dump(mode="json")}
-        )
+        return self._of_view(f"guide_{name}", simulation, view, {"guide": self.config.guides[name].identity()})
 
     def flow(self, simulation: Simulation, view: View) -> Folder:
         return self._of_view("flow", simulation, view, {})
@@ -157,7 +155,7 @@ class Plan:
         everything = {
             **made_by,
             "seed": self.config.seed,
-            "medium": self.config.medium.model_dump(mode="json"),
+            "medium": self.config.medium.identity(),
             "view": view.made_by,
             "density": self.density(simulation).path,
         }

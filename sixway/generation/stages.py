@@ -10,7 +10,7 @@ from typing import Any, Literal
 from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.exr import write_exr
 from sixway.core.records import DensityFrame
-from sixway.core.store import provenance
+from sixway.core.store import content_hash, provenance
 from sixway.generation.cameras import View
 from sixway.generation.jobs import FrameStore, Shard, run_shards
 from sixway.generation.plan import Folder, Plan, Simulation
@@ -122,7 +122,7 @@ def trace_shard(job: Generation, shard: Shard) -> Iterator[None]:
     for simulation, number in shard.of(_frames(job.plan)):
         reference = job.plan.reference(simulation)
         halved = job.plan.tells_noise(simulation)
-        key = f"{halved} {reference.model_dump_json()}"
+        key = content_hash([halved, reference.identity()])
         if key not in tracers:
             tracers[key] = HalvedTracer(reference, medium, device=job.tracer_device, halved=halved)
         frame: DensityFrame | None = None

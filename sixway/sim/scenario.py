@@ -169,9 +169,10 @@ class ScenarioConfig(Config):
         return kinds
 
     def identity(self) -> dict[str, Any]:
-        """Plain values of all that shapes a frame: a mesh by its bytes instead of its path, and not how many frames
-        there are, because more of them change none."""
-        values = self.model_dump(mode="json", exclude={"frames"})
+        """As `Config` says, of all that shapes a frame: a mesh by its bytes instead of its path, and not how many
+        frames there are, because more of them change none."""
+        values = super().identity()
+        del values["frames"]
         for body, held in zip(self.obstacles, values["obstacles"], strict=True):
             if isinstance(body, Mesh):
                 held["path"] = sha256_file(Path(body.path))

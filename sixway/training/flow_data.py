@@ -135,9 +135,11 @@ class FlowData:
         return clips
 
     def _files(self) -> list[tuple[ClipSource, Path]]:
-        # an option that guides learn later has a default that changes no picture
-        guide = self.config.guide.model_dump(mode="json", exclude_defaults=True)
-        shared = self.config.model_dump(mode="json", exclude={"sources", "guide"}) | {"guide": guide}
+        plain = GuideConfig().identity()
+        shared = self.config.identity()
+        del shared["sources"]
+        # clips were first named by what their guide has that the plain one has not
+        shared["guide"] = {key: value for key, value in shared["guide"].items() if value != plain.get(key)}
         files = []
         for source, scenario in zip(self.config.sources, self.scenarios, strict=True):
             made_by = content_hash([shared, source.yaws_deg, scenario.identity()])

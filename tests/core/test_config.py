@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from sixway.core.config import Config, ConfigError, dump_config, load_config, parse_config
+from sixway.core.config import Config, ConfigError, Introduced, dump_config, load_config, parse_config
 
 
 class Optimiser(Config):
@@ -87,3 +87,59 @@ def test_what_is_dumped_reads_back_equal(tmp_path: Path) -> None:
 def test_values_kept_in_a_checkpoint_are_checked_too() -> None:
     with pytest.raises(ConfigError, match=r"card\.json.*train\.lr"):
         parse_config(Root, {"train": {"lr": 0.0}}, source="card.json")
+
+
+class NewSphere(Sphere):
+    squash: Annotated[float, Introduced(1.0)] = Field(default=1.0, gt=0.0)
+
+
+class NewOptimiser(Optimiser):
+    warmup: Annotated[tuple[int, ...], Introduced([])] = (5,)
+    """A default that changed after the field came."""
+    held: Annotated[NewSphere | None, Introduced(None)] = None
+
+
+class NewRoot(Config):
+    train: NewOptimiser
+    shapes: tuple[Annotated[NewSphere | Cylinder, Field(discriminator="kind")], ...] = ()
+    named: Annotated[dict[str, NewSphere | Cylinder], Introduced({})] = {}
+
+
+def test_a_field_that_came_later_leaves_the_identity_as_it_was() -> None:
+    old = Root(train=Optimiser(lr=1e-5), shapes=(Sphere(radius_m=1.0), Cylinder(height_m=2.0)))
+    assert old.identity() == old.model_dump(mode="json")
+    new = parse_config(NewRoot, old.model_dump(mode="json"), source="card.json", stored=True)
+    assert new.identity() == old.identity()
+    assert new.model_dump(mode="json") == {
+        "train": {**old.model_dump(mode="json")["train"], "warmup": [], "held": None},
+        "shapes": [{"kind": "sphere", "radius_m": 1.0, "squash": 1.0}, {"kind": "cylinder", "height_m": 2.0}],
+        "named": {},
+    }
+
+
+def test_a_field_that_came_later_counts_where_it_differs_however_deep() -> None:
+    squashed = NewSphere(radius_m=1.0, squash=0.5)
+    new = NewRoot(
+        train=NewOptimiser(lr=1e-5, warmup=(), held=NewSphere(radius_m=3.0)),
+        shapes=(squashed, NewSphere(radius_m=1.0), Cylinder(height_m=2.0)),
+        named={"a": squashed, "b": NewSphere(radius_m=2.0)},
+    )
+    assert new.identity() == {
+        "train": {"lr": 1e-5, "epochs": 3, "kind": "adam", "held": {"kind": "sphere", "radius_m": 3.0}},
+        "shapes": [
+            {"kind": "sphere", "radius_m": 1.0, "squash": 0.5},
+            {"kind": "sphere", "radius_m": 1.0},
+            {"kind": "cylinder", "height_m": 2.0},
+        ],
+        "named": {"a": {"kind": "sphere", "radius_m": 1.0, "squash": 0.5}, "b": {"kind": "sphere", "radius_m": 2.0}},
+    }
+    again = parse_config(NewRoot, new.identity(), source="card.json", stored=True)
+    assert again == new and again.identity() == new.identity()
+
+
+def test_a_stored_config_is_read_with_the_defaults_of_its_time_and_a_written_one_with_todays(tmp_path: Path) -> None:
+    path = write(tmp_path, "train: {lr: 1e-3}\n")
+    assert load_config(NewRoot, path).train.warmup == (5,)
+    assert load_config(NewRoot, path, stored=True).train.warmup == ()
+    assert load_config(NewRoot, path).identity()["train"]["warmup"] == [5]
+    assert "warmup" not in load_config(NewRoot, path, stored=True).identity()["train"]

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
@@ -17,7 +18,7 @@ from sixway.core.frames import Camera, parse_size
 from sixway.core.png import write_8bit_png
 from sixway.core.progress import track
 from sixway.core.records import Medium
-from sixway.core.store import claim_folder, content_hash, provenance
+from sixway.core.store import claim_folder, provenance, sha256_file
 from sixway.guide.motion import project_motion
 from sixway.reference.lightmaps import LightmapTracer, ReferenceConfig
 from sixway.shading.sheet import lightmap_sheet
@@ -68,6 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--margin", type=float, default=1.0, help="bounding radii that the image frames (default: 1)")
     add("--seed", type=int, default=0)
     add("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    add("--replace", action="store_true", help="delete what the folder holds of other settings")
     add("--dry-run", action="store_true", help="say what would be baked, bake nothing")
     return parser
 
@@ -106,11 +108,27 @@ def _run(options: argparse.Namespace) -> int:
     if options.dry_run:
         print(f"dry run: nothing was written to {options.out}")
         return 0
-    stamps = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in volumes]
     files = [options.out / f"frame_{number:04d}.exr" for number in range(len(volumes))]
-    shaped_by = (stamps, config, medium, camera, options.seed, options.up, options.grid, sequence.emission)
-    made_by = content_hash([repr(x) for x in (*shaped_by, options.self_lit, *([frame_s] if options.motion else []))])
-    missing = claim_folder(options.out, files, record="bake.json", made_by=made_by, pattern="frame_[0-9]*.exr")
+    settings = {
+        "volumes": {path.name: sha256_file(path) for path in volumes},
+        "reference": config.identity(),
+        "medium": asdict(medium),
+        "camera": asdict(camera),
+        "seed": options.seed,
+        "up": options.up,
+        "grid": options.grid,
+        "emission": sequence.emission and asdict(sequence.emission),
+        "self_lit": options.self_lit,
+        "frame_s": frame_s,
+    }
+    missing = claim_folder(
+        options.out,
+        files,
+        record="bake.json",
+        settings=settings,
+        patterns=("frame_[0-9]*.exr",),
+        replace=options.replace,
+    )
     tracer = LightmapTracer(config, medium, device=options.device)
     for file in track(missing, total=len(files), label="bake", start=len(files) - len(missing)):
         number = files.index(file)
@@ -132,6 +150,8 @@ def _run(options: argparse.Namespace) -> int:
             "flow: px until the next frame",
             "sixway/extinction_per_m": extinction,
             "sixway/bounces": options.bounces,
+            "sixway/method": tracer.method,
+            "sixway/device": tracer.variant,
             "sixway/commit": provenance()["commit"],
         }
         write_exr(file, image, channels, about)

@@ -3,10 +3,9 @@
 import argparse
 import re
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import warp as wp
 
@@ -15,7 +14,7 @@ from sixway.core.command import status_of
 from sixway.core.frames import Grid, parse_size
 from sixway.core.png import to_8bit, write_png
 from sixway.core.progress import track
-from sixway.core.store import claim_folder, content_hash
+from sixway.core.store import claim_folder, sha256_file
 from sixway.core.video import write_video
 from sixway.inference.bake import LightmapBaker
 from sixway.inference.obstacles import Obstacles, Shadows
@@ -88,6 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--margin", type=float, default=0.8, help="what the image frames, in bounding radii (default: 0.8)")
     add("--fps", type=int, default=24, help="of a video (default: 24)")
     add("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    add("--replace", action="store_true", help="delete what the output folder holds of other settings")
     add("--dry-run", action="store_true", help="say what would be rendered, render nothing")
     add = parser.add_argument_group("solids, which shadow the smoke and hide what is behind them").add_argument
     add("--solid", action="append", help=f"{SOLID_FORMS}; in radii of the volume around its centre; may be repeated")
@@ -144,9 +144,13 @@ def _run(options: argparse.Namespace) -> int:
     if suffix == "":
         meshes = [path for path in map(mesh_file, options.solid or []) if path is not None]
         inputs = [*volumes, *([options.environment] if options.environment else []), *meshes]
-        files = [(stat.st_size, stat.st_mtime_ns) for stat in (path.stat() for path in inputs)]
-        made_by = content_hash([repr(asdict(shot)), files, extinction, repr(card)])
-        _write_folder(options.output, shot, baker, made_by=made_by)
+        settings = {
+            "options": _shaping(options),
+            "files": {path.name: sha256_file(path) for path in inputs},
+            "extinction_per_m": extinction,
+            "net": card.weights_sha256,
+        }
+        _write_folder(options.output, shot, baker, settings=settings, replace=options.replace)
     else:
         pictures = track(render(shot, baker, numbers), total=len(numbers), label="relight")
         if suffix == ".png":
@@ -159,10 +163,21 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _write_folder(folder: Path, shot: Shot, baker: LightmapBaker, *, made_by: str) -> None:
+def _shaping(options: argparse.Namespace) -> dict[str, Any]:
+    """The options that shape pictures and were given: one that is learnt later leaves older folders as they are."""
+    elsewhere = ("volume", "checkpoint", "environment", "output", "fps", "device", "replace", "dry_run")
+    default = _parser().get_default
+    return {name: value for name, value in vars(options).items() if name not in elsewhere and value != default(name)}
+
+
+def _write_folder(
+    folder: Path, shot: Shot, baker: LightmapBaker, *, settings: Mapping[str, Any], replace: bool
+) -> None:
     """Numbered PNGs; the same command again makes only those that are missing."""
     files = [folder / f"picture_{number:04d}.png" for number in range(shot.num_pictures)]
-    missing = claim_folder(folder, files, record="relight.json", made_by=made_by, pattern="picture_[0-9]*.png")
+    missing = claim_folder(
+        folder, files, record="relight.json", settings=settings, patterns=("picture_[0-9]*.png",), replace=replace
+    )
     numbers = [files.index(file) for file in missing]
     for number, picture in track(render(shot, baker, numbers), total=len(numbers), label="relight"):
         write_png(files[number], picture)

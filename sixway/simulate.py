@@ -43,6 +43,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--checkpoint-every", type=int, default=10, help="frames between two checkpoints, 0 for none (default: 10)")
     add("--threads", type=int, default=os.cpu_count(), help="CPU threads (default: all)")
     add("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    add("--replace", action="store_true", help="delete what the folder holds of other settings")
     add("--no-strip", action="store_true", help="make no strip.png of six frames at the end")
     add("--dry-run", action="store_true", help="time two frames, say what the run would cost, write nothing")
     return parser
@@ -57,6 +58,7 @@ def _run(options: argparse.Namespace) -> int:
         checkpoint_every=max(0, options.checkpoint_every),
         device=options.device,
         threads=max(1, options.threads),
+        replace=options.replace,
     )
     timing = scenario.timing
     print(
@@ -69,6 +71,8 @@ def _run(options: argparse.Namespace) -> int:
     missing = job.missing()
     for _ in track(job.run(), total=scenario.frames, label=scenario.name, start=scenario.frames - len(missing)):
         pass
+    if len(job.devices()) > 1:
+        print(f"note: frames were made on {' and '.join(job.devices())}; they need not fit together bit by bit")
     if not options.no_strip:
         strip = options.out / "strip.png"
         write_png(strip, filmstrip(job.some_frames(6), device=options.device))

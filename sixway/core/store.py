@@ -7,7 +7,7 @@ import os
 import platform
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from importlib import metadata
@@ -86,30 +86,68 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path}: not valid JSON ({error}); restore it or remake it") from error
 
 
-def claim_folder(folder: Path, files: list[Path], *, record: str, made_by: str, pattern: str) -> list[Path]:
+def claim_folder(
+    folder: Path, files: list[Path], *, record: str, settings: Mapping[str, Any], patterns: Sequence[str], replace: bool
+) -> list[Path]:
     """Make `folder` hold the numbered `files` of one command and return those that are missing.
 
-    made_by: hash of all that shapes them, kept in `record`; the same command finds its files again. Files of
-    another command (all that match `pattern`, or where there is no record only those in the way) go first: a
-    kill in between must not pass them off as this command's.
+    settings: plain values of all that shapes the files, kept in `record`; the same command finds its files again.
+    Raises ValueError that names what differs if the folder holds files of other settings (any that match `patterns`
+    beside another record, or without a record those in the way), unless `replace`: then these are deleted first, since
+    a kill in between must not pass them off as this command's.
     """
-    path = folder / record
-    if not (path.is_file() and read_json(path).get("made_by") == made_by):
-        for stale in folder.glob(pattern) if path.is_file() else files:
-            stale.unlink(missing_ok=True)
-        write_json(path, {"made_by": made_by})
+    path, plain = folder / record, json.loads(json.dumps(settings, allow_nan=False))
+    held = read_json(path) if path.is_file() else None
+    if held is None or held.get("settings") != plain:
+        stale = files if held is None else [file for pattern in patterns for file in sorted(folder.glob(pattern))]
+        stale = [file for file in stale if file.is_file()]
+        if stale and not replace:
+            raise ValueError(
+                f"{folder}: holds {len(stale)} file(s), such as {stale[0].name}, {_origin(held, plain)}; name another "
+                "folder, or delete and remake them by adding --replace to the same command"
+            )
+        for file in stale:
+            file.unlink()
+        write_json(path, {"settings": plain})
     return [file for file in files if not file.is_file()]
 
 
-def append_json_line(path: Path, value: Any) -> None:
-    """Append one JSON line in a single write, so that writers in several processes do not mix lines."""
+def _origin(held: Any, settings: Mapping[str, Any]) -> str:
+    """How files in a folder differ from what is asked for."""
+    if held is None:
+        return "that this command did not make"
+    if "settings" not in held:
+        return "made by an earlier version, which kept no settings to compare"
+    return f"made with other settings ({'; '.join(differences(held['settings'], settings))})"
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Where two trees of plain values differ, as ``a.b: 1 there, 2 here``; `old` is what is there."""
+    there, here = _flat(old), _flat(new)
+    return [
+        f"{key}: {there.get(key, 'nothing')} there, {here.get(key, 'nothing')} here"
+        for key in {**there, **here}
+        if there.get(key) != here.get(key)
+    ]
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """``{"a": {"b": 1}}`` as ``{"a.b": 1}``."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+    return flat
+
+
+def append_json_line(path: Path, value: Any) -> int:
+    """Append one JSON line in a single write, so that writers in several processes do not mix lines; its bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     line = (json.dumps(value, allow_nan=False) + "\n").encode()
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
     try:
         if os.lseek(handle, 0, os.SEEK_END) and not _ends_with_newline(path):
             line = b"\n" + line  # a killed writer may have left half a line
-        os.write(handle, line)
+        return os.write(handle, line)
     finally:
         os.close(handle)
 

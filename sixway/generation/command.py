@@ -14,7 +14,7 @@ from sixway.generation.jobs import Shard, quieten_warp
 from sixway.generation.pack import pack
 from sixway.generation.plan import Plan
 from sixway.generation.stages import Generation
-from sixway.generation.verify import verify
+from sixway.generation.verify import mixed_folders, verify
 
 STAGES = ("simulate", "march_guides", "trace_references", "pack", "verify")
 
@@ -89,6 +89,8 @@ def _run(options: argparse.Namespace, only: Sequence[str]) -> int:
                     print(f"error: {problem}", file=sys.stderr)
                 if problems:
                     return 1
+                for line in mixed_folders(job):
+                    print(f"note: {line}; delete the folder and run the same command again to have it of one")
                 print(f"verified: every frame and array in {job.out} is whole")
     return 0
 

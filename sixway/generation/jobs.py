@@ -43,36 +43,82 @@ class Shard:
 
 
 class FrameStore:
-    """The frames in one folder, and its record of which are done."""
+    """The frames in one folder, and its record of which are done. The record is read once, and again only when another
+    process has added to it."""
 
     def __init__(self, root: Path, folder: Folder) -> None:
         self.folder = folder
         self.path = root / folder.path
+        self._records: dict[str, dict[str, Any]] = {}
+        self._lines = 0
+        self._bytes_read = 0
 
     def frame_path(self, frame: int, suffix: str) -> Path:
         return self.path / f"frame_{frame:04d}{suffix}"
 
     def done(self) -> dict[str, dict[str, Any]]:
         """Records of finished files by name; a record whose file is gone does not count."""
-        records = {record["file"]: record for record in read_json_lines(self.path / INDEX) if "sha256" in record}
-        return {name: record for name, record in records.items() if (self.path / name).is_file()}
+        self._refresh()
+        return {name: record for name, record in self._records.items() if (self.path / name).is_file()}
+
+    def record_of(self, path: Path) -> dict[str, Any] | None:
+        """The record of that file of the folder if it is finished, as `done` has it."""
+        self._refresh()
+        return self._records.get(path.name) if path.is_file() else None
+
+    def holds(self, path: Path) -> bool:
+        return self.record_of(path) is not None
+
+    def times_recorded(self) -> int:
+        """Records written so far, those of frames that were made twice too: grows by one with every frame."""
+        self._refresh()
+        return self._lines
 
     def record(self, path: Path, **facts: Any) -> None:
         """Record a file that `path` now holds whole."""
         described = self.path / "made_by.json"
         if not described.is_file():
             write_json(described, self.folder.made_by)
-        append_json_line(self.path / INDEX, {"file": path.name, "sha256": sha256_file(path), **facts})
+        about = {"file": path.name, "sha256": sha256_file(path), **facts}
+        self._refresh()
+        written = append_json_line(self.path / INDEX, about)
+        if self._index_bytes() == self._bytes_read + written:  # nobody else has written
+            self._take([about])
+            self._bytes_read += written
+
+    def _refresh(self) -> None:
+        size = self._index_bytes()
+        if size != self._bytes_read:
+            self._records, self._lines = {}, 0
+            self._take(read_json_lines(self.path / INDEX))
+            self._bytes_read = size
+
+    def _take(self, records: list[dict[str, Any]]) -> None:
+        whole = [record for record in records if "sha256" in record]
+        self._records |= {record["file"]: record for record in whole}
+        self._lines += len(whole)
+
+    def _index_bytes(self) -> int:
+        try:
+            return (self.path / INDEX).stat().st_size
+        except FileNotFoundError:
+            return 0
 
 
 def run_shards(
-    work: Callable[[Shard], Iterable[object]], *, label: str, total: int, done: Callable[[], int], workers: int
+    work: Callable[[Shard], Iterable[object]],
+    *,
+    label: str,
+    start: int,
+    total: int,
+    recorded: Callable[[], int],
+    workers: int,
 ) -> None:
     """Run a stage in `workers` processes and show how far it is. work: picklable; yields once a frame made.
 
-    done: counts finished frames on disk. Raises RuntimeError if a worker fails; what is finished is kept.
+    start: frames that are there already. recorded: counts the records of the stage's own folders. Raises RuntimeError
+    if a worker fails; what is finished is kept.
     """
-    start = done()
     if start >= total:
         print(f"{label}: all {total} frames are there already")
         return
@@ -80,6 +126,7 @@ def run_shards(
         for _ in track(work(Shard()), total=total, label=label, start=start):
             pass
         return
+    before = recorded()
     context = multiprocessing.get_context("spawn")
     processes = [
         context.Process(target=_drain, args=(work, Shard(i, workers)), name=f"{label} {i}/{workers}")
@@ -88,7 +135,7 @@ def run_shards(
     for process in processes:
         process.start()
     try:
-        for _ in track(_watch(processes, done, start), total=total, label=label, start=start):
+        for _ in track(_watch(processes, recorded, before), total=total, label=label, start=start):
             pass
     finally:
         for process in processes:
@@ -96,11 +143,11 @@ def run_shards(
             process.join()
 
 
-def _watch(processes: list[Any], done: Callable[[], int], seen: int) -> Iterator[None]:
+def _watch(processes: list[Any], recorded: Callable[[], int], seen: int) -> Iterator[None]:
     """Yield once for every frame that appears, until all workers have ended."""
     while True:
         running = any(process.is_alive() for process in processes)
-        now = done()
+        now = recorded()
         yield from (None for _ in range(now - seen))
         seen = max(seen, now)
         failed = [process for process in processes if process.exitcode not in (None, 0)]

@@ -114,7 +114,7 @@ def _recorded(job: Generation, folder: Folder, frame: int) -> Made:
     """A finished frame and its record; raises FileNotFoundError if it is not finished."""
     store = job.store(folder)
     path = store.frame_path(frame, ".exr")
-    record = store.done().get(path.name)
+    record = store.record_of(path)
     if record is None:
         raise FileNotFoundError(f"{path}: this frame is missing; run the generation command again to make it")
     return path, record

@@ -10,9 +10,8 @@ from sixway.core.records import DensityFrame
 from sixway.core.store import (
     append_json_line,
     claim_folder,
-    content_hash,
     provenance,
-    read_json,
+    read_json_lines,
     write_json,
     write_text,
 )
@@ -32,7 +31,8 @@ INDEX = "frames.jsonl"
 class Simulation:
     """A scenario, where its frames go and as what.
 
-    formats: files of every frame. checkpoint_every: frames between two checkpoints; 0 keeps none.
+    formats: files of every frame. checkpoint_every: frames between two checkpoints; 0 keeps none. replace: delete what
+    was made with other settings.
     """
 
     scenario: ScenarioConfig
@@ -41,19 +41,24 @@ class Simulation:
     checkpoint_every: int = 10
     device: str = "cpu"
     threads: int = 1
+    replace: bool = False
 
     def files(self, number: int) -> list[Path]:
         return [self.out / f"frame_{number:04d}.{suffix}" for suffix in self.formats]
 
     def missing(self) -> list[int]:
-        """Numbers of the frames that are not there yet; frames and checkpoint of other settings are removed first."""
+        """Numbers of the frames that are not there yet. Raises ValueError as `claim_folder` does."""
         every = [path for number in range(self.scenario.frames) for path in self.files(number)]
-        made_by = content_hash([self.scenario.identity(), self.device])
-        record = self.out / RECORD
-        if not (record.is_file() and read_json(record).get("made_by") == made_by):
-            for stale in (CHECKPOINT, INDEX):
-                (self.out / stale).unlink(missing_ok=True)
-        lost = set(claim_folder(self.out, every, record=RECORD, made_by=made_by, pattern="frame_[0-9]*"))
+        lost = set(
+            claim_folder(
+                self.out,
+                every,
+                record=RECORD,
+                settings={"scenario": self.scenario.identity()},
+                patterns=("frame_[0-9]*", CHECKPOINT, INDEX),
+                replace=self.replace,
+            )
+        )
         return [number for number in range(self.scenario.frames) if lost.intersection(self.files(number))]
 
     def run(self) -> Iterator[int]:
@@ -92,10 +97,15 @@ class Simulation:
             "frame": number,
             "time_s": frame.time_s,
             "seed": self.scenario.seed,
+            "device": self.device,
             "voxel_size_m": frame.grid.voxel_size_m,
             "origin_m": frame.grid.origin_m,
         }
         append_json_line(self.out / INDEX, about)
+
+    def devices(self) -> list[str]:
+        """Where the frames were made; more than one differ in last bits, which turbulence makes grow."""
+        return sorted({line["device"] for line in read_json_lines(self.out / INDEX) if "device" in line})
 
     def some_frames(self, count: int) -> list[DensityFrame]:
         """`count` frames spread evenly over the finished run, the last one among them."""

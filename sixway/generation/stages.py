@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -33,6 +33,7 @@ class Generation:
     plan: Plan
     out: Path
     device: str = "cpu"
+    _stores: dict[str, FrameStore] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def tracer_device(self) -> Literal["cpu", "cuda"]:
@@ -40,7 +41,8 @@ class Generation:
         return "cuda" if self.device.startswith("cuda") else "cpu"
 
     def store(self, folder: Folder) -> FrameStore:
-        return FrameStore(self.out, folder)
+        """The same object whenever it is asked for, so that a folder's record is read once."""
+        return self._stores.setdefault(folder.path, FrameStore(self.out, folder))
 
     def density_path(self, simulation: Simulation, frame: int) -> Path:
         return self.store(self.plan.density(simulation)).frame_path(frame, ".npz")
@@ -71,14 +73,14 @@ def simulate_shard(job: Generation, shard: Shard) -> Iterator[None]:
     """A simulation is run again from its start if frames are missing: the same bytes come out."""
     for simulation in shard.of(list(job.plan.simulations)):
         store = job.store(job.plan.density(simulation))
-        missing = {f for f in simulation.frames if store.frame_path(f, ".npz").name not in store.done()}
+        missing = {f for f in simulation.frames if not store.holds(store.frame_path(f, ".npz"))}
         if not missing:
             continue
         for number, frame in enumerate(SmokeSolver(simulation.scenario, device=job.device).frames()):
             if number in missing:
                 path = store.frame_path(number, ".npz")
                 write_npz(path, frame, half=True)
-                store.record(path, frame=number, seed=simulation.scenario.seed)
+                store.record(path, frame=number, seed=simulation.scenario.seed, device=job.device)
                 yield
             if number >= max(missing):
                 break
@@ -97,21 +99,21 @@ def march_shard(job: Generation, shard: Shard) -> Iterator[None]:
             for name, marcher in marchers.items():
                 store = job.store(job.plan.guide(name, simulation, view))
                 path = store.frame_path(number, ".exr")
-                if path.name not in store.done():
+                if not store.holds(path):
                     frame = frame or job.read_density(simulation, number)
                     seen = seen or view.seen(frame)
                     guide = marcher.march(seen, view.camera, seed=seed)
                     write_exr(path, guide.image, guide.channels, _attributes(job, simulation, view, facts))
-                    store.record(path, **facts)
+                    store.record(path, **facts, device=job.device)
                     yield
             store = job.store(job.plan.flow(simulation, view))
             path = store.frame_path(number, ".exr")
-            if path.name not in store.done():
+            if not store.holds(path):
                 frame = frame or job.read_density(simulation, number)
                 seen = seen or view.seen(frame)
                 flow = project_motion(seen, view.camera, medium, frame_s=frame_s, device=job.device)
                 write_exr(path, flow, FLOW_CHANNELS, _attributes(job, simulation, view, facts))
-                store.record(path, **facts)
+                store.record(path, **facts, device=job.device)
                 yield
 
 
@@ -129,7 +131,7 @@ def trace_shard(job: Generation, shard: Shard) -> Iterator[None]:
         for views in sharing(simulation.views):
             stores = {view.name: job.store(job.plan.target(simulation, view)) for view in views}
             name = f"frame_{number:04d}.exr"
-            missing = [view for view in views if name not in stores[view.name].done()]
+            missing = [view for view in views if not stores[view.name].holds(stores[view.name].path / name)]
             if not missing:
                 continue
             frame = frame or job.read_density(simulation, number)
@@ -146,7 +148,7 @@ def trace_shard(job: Generation, shard: Shard) -> Iterator[None]:
                 facts |= {name: value for name, value in noise.items() if value is not None}
                 path = stores[view.name].path / name
                 write_exr(path, lightmap.image, lightmap.channels, _attributes(job, simulation, view, facts))
-                stores[view.name].record(path, **facts, channels=lightmap.channels)
+                stores[view.name].record(path, **facts, device=job.tracer_device, channels=lightmap.channels)
                 yield
                 if view == missing[-1]:
                     break
@@ -163,12 +165,14 @@ def sharing(views: Sequence[View]) -> list[list[View]]:
 def _run(
     job: Generation, label: str, shard_work: Any, stores: list[tuple[FrameStore, list[str]]], workers: int
 ) -> None:
-    total = sum(len(names) for _, names in stores)
-
-    def done() -> int:
-        return sum(len(set(names) & store.done().keys()) for store, names in stores)
-
-    run_shards(partial(shard_work, job), label=label, total=total, done=done, workers=workers)
+    run_shards(
+        partial(shard_work, job),
+        label=label,
+        start=sum(len(set(names) & store.done().keys()) for store, names in stores),
+        total=sum(len(names) for _, names in stores),
+        recorded=lambda: sum(store.times_recorded() for store, _ in stores),
+        workers=workers,
+    )
 
 
 def _density_stores(job: Generation) -> list[tuple[FrameStore, list[str]]]:

@@ -12,10 +12,9 @@ from sixway.volumes.npz import read_npz
 def verify(job: Generation) -> list[str]:
     """Every problem found, one line each with its remedy; [] if the dataset is whole."""
     problems: list[str] = []
-    files = [(store, name) for store, names in all_stores(job) for name in names]
-    for store, name in track(files, total=len(files), label="verify"):
-        path = store.path / name
-        record = store.done().get(name)
+    files = [(store, store.path / name) for store, names in all_stores(job) for name in names]
+    for store, path in track(files, total=len(files), label="verify"):
+        record = store.record_of(path)
         if record is None:
             problems.append(f"{path}: this frame is missing; run the generation command again")
         elif sha256_file(path) != record["sha256"]:
@@ -40,6 +39,18 @@ def verify(job: Generation) -> list[str]:
             if not path.is_file() or sha256_file(path) != array.sha256:
                 problems.append(f"{path}: missing or altered; delete it and run the pack stage again")
     return problems
+
+
+def mixed_folders(job: Generation) -> list[str]:
+    """A line for every folder whose frames were made on several devices or by several methods: they differ by more
+    than what they show."""
+    lines = []
+    for store, _ in all_stores(job):
+        for fact in ("device", "method"):
+            found = sorted({str(record[fact]) for record in store.done().values() if fact in record})
+            if len(found) > 1:
+                lines.append(f"{store.path}: frames of {len(found)} {fact}s, {' and '.join(found)}")
+    return lines
 
 
 def _channels(job: Generation, layer: str) -> tuple[str, ...]:

@@ -57,7 +57,8 @@ class _Tracer(Protocol):
 class LightmapTracer:
     """Traces many frames and views of one kind of smoke; kernels are compiled once and kept.
 
-    method: the one in use, which is ``stock`` where Mitsuba runs in scalar code only.
+    method: the one in use, which is ``stock`` where Mitsuba runs in scalar code only. variant: Mitsuba's, which names
+    the device.
     Raises ValueError for device ``cuda`` without CUDA, for an RGB albedo, and for ``cached`` with bounces ``multi`` and
     hg_g beyond 0.3 in either direction.
     """
@@ -67,7 +68,8 @@ class LightmapTracer:
         self.medium = medium
         self.device = device
         self.method: Method = config.method
-        if use_variant(device).startswith("scalar") and config.method != "stock":
+        self.variant = use_variant(device)
+        if self.variant.startswith("scalar") and config.method != "stock":
             _say_stock()
             self.method = "stock"
         self._tracer = self._make(medium)

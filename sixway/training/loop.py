@@ -2,17 +2,15 @@
 
 import math
 import time
-from collections.abc import Mapping
 from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from sixway.core.config import dump_config, load_config
 from sixway.core.progress import track
-from sixway.core.store import provenance, write_json, write_text
+from sixway.core.store import differences, provenance, write_json, write_text
 from sixway.data.dataset import SmokeDataset
 from sixway.models.card import CARD, WEIGHTS, save_net
 from sixway.training.checkpoint import load_checkpoint, save_checkpoint
@@ -144,18 +142,8 @@ def _claim(run_dir: Path, config: TrainConfig) -> None:
     if not path.is_file():
         write_text(path, dump_config(config))
         return
-    old, new = (_flat(settings.model_dump(mode="json")) for settings in (load_config(TrainConfig, path), config))
-    changed = [f"{key}: {old[key]} there, {new[key]} here" for key in new if old[key] != new[key]]
-    if changed:
+    if changed := differences(load_config(TrainConfig, path).identity(), config.identity()):
         raise ValueError(
             f"{run_dir}: holds a run of another config ({'; '.join(changed)}); "
             "use another --run-dir, or the old settings"
         )
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """``{"a": {"b": 1}}`` as ``{"a.b": 1}``."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
-    return flat

@@ -16,6 +16,7 @@ from sixway.core.records import DensityFrame, Grid, GuideMap, SixWayLightmap
 from sixway.core.store import (
     append_json_line,
     atomic_path,
+    claim_folder,
     content_hash,
     inside,
     read_json,
@@ -172,3 +173,42 @@ def test_empty_blocks_take_no_disk(tmp_path: Path) -> None:
         os.fsync(file.fileno())  # blocks that are not on the disk yet may not count
     assert path.stat().st_size == 1 + (1 << 20)
     assert 0 < path.stat().st_blocks * 512 < 1 << 16
+
+
+def claim(folder: Path, settings: dict[str, Any], *, replace: bool = False, frames: int = 2) -> list[str]:
+    files = [folder / f"frame_{number}.txt" for number in range(frames)]
+    missing = claim_folder(
+        folder, files, record="made.json", settings=settings, patterns=("frame_*.txt",), replace=replace
+    )
+    return [file.name for file in missing]
+
+
+def test_the_same_settings_find_their_files_again(tmp_path: Path) -> None:
+    assert claim(tmp_path, {"a": (1, 2), "b": {"c": 0.5}}) == ["frame_0.txt", "frame_1.txt"]
+    (tmp_path / "frame_0.txt").write_text("made")
+    assert claim(tmp_path, {"b": {"c": 0.5}, "a": (1, 2)}) == ["frame_1.txt"]
+
+
+def test_other_settings_are_refused_by_name_until_told_to_replace(tmp_path: Path) -> None:
+    claim(tmp_path, {"b": {"c": 0.5}})
+    (tmp_path / "frame_0.txt").write_text("hours of work")
+    with pytest.raises(ValueError, match=r"1 file.*frame_0.txt.*b.c: 0.5 there, 0.7 here.*--replace"):
+        claim(tmp_path, {"b": {"c": 0.7}})
+    assert (tmp_path / "frame_0.txt").read_text() == "hours of work"
+    assert claim(tmp_path, {"b": {"c": 0.7}}, replace=True) == ["frame_0.txt", "frame_1.txt"]
+    assert claim(tmp_path, {"b": {"c": 0.7}}) == ["frame_0.txt", "frame_1.txt"]
+
+
+def test_files_of_nobody_and_of_earlier_versions_are_not_deleted_silently(tmp_path: Path) -> None:
+    (tmp_path / "frame_1.txt").write_text("somebody's")
+    with pytest.raises(ValueError, match="that this command did not make"):
+        claim(tmp_path, {"a": 1})
+    write_json(tmp_path / "made.json", {"made_by": "0123456789ab"})
+    with pytest.raises(ValueError, match="earlier version, which kept no settings"):
+        claim(tmp_path, {"a": 1})
+    assert (tmp_path / "frame_1.txt").read_text() == "somebody's"
+
+
+def test_settings_whose_files_were_never_made_leave_the_folder_free(tmp_path: Path) -> None:
+    claim(tmp_path, {"a": 1})
+    assert claim(tmp_path, {"a": 2}) == ["frame_0.txt", "frame_1.txt"]

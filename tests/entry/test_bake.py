@@ -1,5 +1,6 @@
 """The classic tool: volumes to path-traced maps, resumable, framed as one sequence."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -90,14 +91,31 @@ def test_the_folder_of_a_simulation_is_baked_frame_by_frame(tmp_path: Path, caps
         np.testing.assert_array_equal(read_exr(out / name, CHANNELS), read_exr(named / name, CHANNELS))
 
 
-def test_other_settings_bake_anew(tmp_path: Path) -> None:
+def test_other_settings_are_refused_or_replace(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "maps"
     first = (JET, "--out", out, "--bounces", "single", *SMALL)
     assert bake(*first) == 0
+    bytes_before = (out / "frame_0000.exr").read_bytes()
     white = read_exr(out / "frame_0000.exr", ("front",))
-    assert bake(*first, "--albedo", "0.5") == 0
+    assert bake(*first, "--albedo", "0.5") == 2
+    told = capsys.readouterr().err
+    assert "medium.albedo: 1.0 there, 0.5 here" in told and "--replace" in told
+    assert (out / "frame_0000.exr").read_bytes() == bytes_before
+    assert bake(*first, "--albedo", "0.5", "--replace") == 0
     grey = read_exr(out / "frame_0000.exr", ("front",))
     np.testing.assert_allclose(grey, 0.5 * white, rtol=2e-3, atol=1e-5)
+
+
+def test_a_volume_that_was_only_touched_is_the_same(tmp_path: Path) -> None:
+    """So does a copy of the repository: what counts is the bytes of the file."""
+    volume, out = tmp_path / "jet.npz", tmp_path / "maps"
+    volume.write_bytes(JET.read_bytes())
+    command = (volume, "--out", out, "--bounces", "single", *SMALL)
+    assert bake(*command) == 0
+    made = (out / "frame_0000.exr").stat().st_mtime_ns
+    os.utime(volume, ns=(1, 1))
+    assert bake(*command, "--device", "cpu") == 0
+    assert (out / "frame_0000.exr").stat().st_mtime_ns == made
 
 
 def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -163,7 +181,7 @@ def test_fire_has_its_layer_its_own_light_and_a_place_in_the_sheet(
         pixels = np.asarray(sheet).astype(int)
     emissive = pixels[36 : 36 + 115, 4 + 7 * 148 : 4 + 8 * 148]
     assert (emissive[..., 0] - emissive[..., 2]).max() > 60  # in the colours of fire
-    assert bake(*arguments, "--emission", "none") == 0
+    assert bake(*arguments, "--emission", "none", "--replace") == 0
     with pytest.raises(ValueError, match="emissive"):
         read_exr(files[0], ("emissive",))
 

@@ -190,12 +190,16 @@ def test_a_folder_resumes(run: Callable, trained_run: Path, tmp_path: Path, monk
     assert {name: (out / name).read_bytes() for name in names} == first
 
     made.clear()
-    assert run(*command, "--light", "left").status == 0
+    refused = run(*command, "--light", "left")
+    assert refused.status == 2 and made == []
+    assert "options.light: nothing there, ['left'] here" in refused.err and "--replace" in refused.err
+    assert {name: (out / name).read_bytes() for name in names} == first
+    assert run(*command, "--light", "left", "--replace").status == 0
     assert made == names  # another command makes all of them
     assert (out / names[0]).read_bytes() != first[names[0]]
 
     made.clear()
-    assert run(*command[:-3], "2", "-o", out).status == 0
+    assert run(*command[:-3], "2", "-o", out, "--replace").status == 0
     assert listed(out) == [*names[:2], "relight.json"]  # nothing of the longer path is left
 
 
@@ -206,7 +210,10 @@ def test_a_changed_volume_is_lit_anew(run: Callable, trained_run: Path, three_vo
     before = (out / "picture_0001.png").read_bytes()
     os.replace(three_volumes / "smoke_2.npz", three_volumes / "smoke_1.npz")
     (three_volumes / "smoke_2.npz").write_bytes((three_volumes / "smoke_1.npz").read_bytes())
-    assert run(*command).status == 0
+    refused = run(*command)
+    assert refused.status == 2 and "files.smoke_1.npz" in refused.err
+    assert (out / "picture_0001.png").read_bytes() == before
+    assert run(*command, "--replace").status == 0
     assert (out / "picture_0001.png").read_bytes() != before
 
 
@@ -225,7 +232,7 @@ def test_a_killed_command_is_not_taken_for_another(
 
         patch.setattr(relight, "write_png", killed)
         with pytest.raises(KeyboardInterrupt):
-            run(*command, "--light", "left")
+            run(*command, "--light", "left", "--replace")
     assert run(*command, "--light", "left").status == 0
     assert (out / "picture_0001.png").read_bytes() != from_right
 

@@ -68,7 +68,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(scenario: Path, tmp_p
         np.testing.assert_array_equal(read_volume(whole / name).density, read_volume(killed / name).density)
 
 
-def test_more_frames_go_on_from_the_end(scenario: Path, tmp_path: Path) -> None:
+def test_more_frames_go_on_from_the_end(scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     command = [str(scenario), "--out", str(out), "--no-strip"]
     assert main([*command, "--checkpoint-every", "1"]) == 0
@@ -76,8 +76,11 @@ def test_more_frames_go_on_from_the_end(scenario: Path, tmp_path: Path) -> None:
     assert main([*command, "--set", "frames=6"]) == 0
     assert len(names(out)) == 6
     assert all((out / name).stat().st_mtime_ns == time for name, time in before.items())
-    # another simulation: its frames replace these
-    assert main([*command, "--set", "seed=9", "--checkpoint-every", "1"]) == 0
+    # another simulation: its frames replace these where that is asked for
+    another = [*command, "--set", "seed=9", "--checkpoint-every", "1"]
+    assert main(another) == 2
+    assert "scenario.seed" in capsys.readouterr().err and len(names(out)) == 6
+    assert main([*another, "--replace"]) == 0
     assert len(names(out)) == 4
 
 

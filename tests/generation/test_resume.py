@@ -12,6 +12,7 @@ import pytest
 
 from sixway.core import store
 from sixway.core.store import read_json_lines, sha256_file
+from sixway.generation import jobs
 from sixway.generation.jobs import INDEX
 
 Contents = Callable[[Path], dict[str, str]]
@@ -76,6 +77,7 @@ def test_two_shards_make_what_one_run_makes(
 _KILLED_IN_THE_THIRD_WRITE = """
 import os, signal, sys
 from sixway.core import store
+from sixway.generation import jobs
 from sixway.generation.command import main
 
 layer, *arguments = sys.argv[1:]
@@ -148,3 +150,27 @@ def test_two_workers_make_what_one_makes_and_a_failed_one_is_told(
     next(out.glob("density/jet_val/*/frame_0004.npz")).unlink()
     assert generate(out, "--workers", "2", only=("march_guides",)) == 2
     assert "failed (its message stands above); mend the cause and run the same command" in capsys.readouterr().err
+
+
+def test_an_index_is_read_once_not_once_a_frame(
+    own_copy: Path, generate: Generate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reads: list[Path] = []
+    read = jobs.read_json_lines
+    monkeypatch.setattr(jobs, "read_json_lines", lambda path: reads.append(path) or read(path))
+    for path in own_copy.glob("guide_six/jet/*/*/frame_*.exr"):
+        path.unlink()
+    assert generate(own_copy) == 0
+    assert len(reads) > 10
+    assert len(reads) == len(set(reads))
+
+
+def test_a_folder_made_on_two_devices_is_told(own_copy: Path, generate: Generate, capsys: Any) -> None:
+    index = next(own_copy.glob("target/jet/*/*/" + INDEX))
+    lines = index.read_text().splitlines(keepends=True)
+    assert '"device": "cpu"' in lines[0]
+    index.write_text(lines[0].replace('"device": "cpu"', '"device": "cuda"') + "".join(lines[1:]))
+    capsys.readouterr()
+    assert generate(own_copy) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note:")]
+    assert len(told) == 1 and "frames of 2 devices, cpu and cuda" in told[0] and str(index.parent) in told[0]

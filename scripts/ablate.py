@@ -50,7 +50,7 @@ class Trial:
     def is_done(self) -> bool:
         """Whether a report of this very config is there; of another one, training will refuse the folder."""
         report = self.folder / REPORT
-        return report.is_file() and read_json(report)["training"]["config"] == self.config.model_dump(mode="json")
+        return report.is_file() and read_json(report)["training"]["config"] == self.config.identity()
 
     @property
     def commands(self) -> tuple[list[str], list[str]]:

@@ -12,11 +12,12 @@ import torch
 import warp as wp
 from measurement import Measurement, median_seconds, parser
 
-from sixway.core.config import load_config, parse_config
+from sixway.core.config import load_config
 from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera
 from sixway.core.records import Medium
-from sixway.guide.march import GuideConfig, GuideMarcher
+from sixway.guide.config import GuideConfig, stored_guide
+from sixway.guide.march import GuideMarcher
 from sixway.inference.onnx import export_onnx
 from sixway.inference.predict import SHIPPED_NET, OnnxPredictor, TorchPredictor, predict
 from sixway.models.card import load_net
@@ -62,7 +63,7 @@ def main() -> int:
     camera = Camera.around(frame.grid, yaw_deg=30.0, margin=0.8, width_px=size, height_px=size)
     medium = Medium(extinction_per_m=40.0)
     guides = {}
-    own = parse_config(GuideConfig, card.guide, source="the shipped net's guide")
+    own = stored_guide(card.guide, source="the shipped net's guide")
     for name, config in {**GUIDES, SHIPPED: own}.items():
         marcher = GuideMarcher(config, medium, device=device, threads=torch.get_num_threads())
         guides[name] = marcher.march(frame, camera, seed=0)

@@ -22,10 +22,10 @@ from bench_inference import CACHED, NET, SCENARIO, Nets, Scene, Shaded, Taken, b
 from line_chart import Panel, Series, write_charts
 from measurement import Measurement, parser
 
-from sixway.core.config import parse_config
 from sixway.core.conventions import DIRECTIONS, LIGHTMAP_CHANNELS
 from sixway.core.records import DensityFrame, GuideMap, SixWayLightmap
-from sixway.guide.march import GuideConfig, GuideMarcher
+from sixway.guide.config import GuideConfig, stored_guide
+from sixway.guide.march import GuideMarcher
 from sixway.metrics.psnr import psnr_of_mse
 from sixway.reference.denoise import denoise
 from sixway.reference.lightmaps import LightmapTracer, ReferenceConfig
@@ -63,7 +63,7 @@ def main() -> int:
 def measured(scene: Scene, nets: Nets, size: int, repetitions: int) -> dict[str, tuple[Taken, float]]:
     """Time and squared error of every way to the maps of one scene."""
     ways = {NET: by_net(scene, nets.onnx(size))}
-    guide = parse_config(GuideConfig, nets.card.guide, source="the net's guide")
+    guide = stored_guide(nets.card.guide, source="the net's guide")
     if set(DIRECTIONS) <= set(guide.channels):
         ways[GUIDE] = by_guide(scene, guide)
     settings = {f"cached, {name}": config for name, config in CACHED.items()}

@@ -165,7 +165,7 @@ def studied(source: Source, name: str, config: GuideConfig, folder: Path, *, ste
     """Scores of one variant; what the folder holds of equal settings is not made again."""
     made_by = content_hash(
         [
-            config.model_dump(mode="json"),
+            config.identity(),
             source.rows,
             [group.arrays["target"].sha256 for group in source.groups.values()],
         ]
@@ -178,7 +178,7 @@ def studied(source: Source, name: str, config: GuideConfig, folder: Path, *, ste
             steps=max(steps, 1), warmup_steps=max(steps // 50, 1), precision="bf16", pairs_per_batch=2
         ),
     )
-    key = content_hash([made_by, settings.model_dump(mode="json") if steps else None])
+    key = content_hash([made_by, settings.identity() if steps else None])
     path = folder / SCORES
     if path.is_file() and (known := read_json(path))["made_by"] == key:
         return known["scores"]
@@ -215,9 +215,7 @@ def write_dataset(source: Source, config: GuideConfig, folder: Path) -> None:
             arrays[layer] = PackedArray(path=path.name, sha256=sha256_file(path), channels=channels)
         samples = tuple(group.samples[row] for row in source.rows[split])
         groups.append(group.model_copy(update={"arrays": arrays, "samples": samples}))
-    manifest = source.manifest.model_copy(
-        update={"groups": tuple(groups), "guides": {GUIDE: config.model_dump(mode="json")}}
-    )
+    manifest = source.manifest.model_copy(update={"groups": tuple(groups), "guides": {GUIDE: config.identity()}})
     write_text(folder / MANIFEST, manifest.model_dump_json(indent=1) + "\n")
 
 

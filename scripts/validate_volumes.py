@@ -20,12 +20,12 @@ import warp as wp
 from measurement import Measurement, parser
 
 from sixway.core.color import encode_srgb
-from sixway.core.config import parse_config
 from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera, Grid
 from sixway.core.records import DensityFrame, GuideMap, Medium, SixWayLightmap
 from sixway.evaluation.pictures import contact_sheet
-from sixway.guide.march import GuideConfig, GuideMarcher
+from sixway.guide.config import stored_guide
+from sixway.guide.march import GuideMarcher
 from sixway.inference.predict import OnnxPredictor, Predictor, load_predictor, predict
 from sixway.metrics.psnr import psnr
 from sixway.models.card import NetCard
@@ -165,7 +165,7 @@ def validate(
     """All frames of a volume from every yaw; rows of their scores."""
     card = predictor.card
     medium = Medium(extinction_per_m=volume.extinction_per_m, albedo=card.medium["albedo"], hg_g=card.medium["hg_g"])
-    config = parse_config(GuideConfig, card.guide, source="the net's guide")
+    config = stored_guide(card.guide, source="the net's guide")
     marcher = GuideMarcher(config, medium, device="cpu", threads=os.cpu_count() or 1)
     tracer = LightmapTracer(ReferenceConfig(samples=samples), medium, device="cpu")
     views: list[View] = []

@@ -70,7 +70,7 @@ def _training(run_dir: Path) -> dict[str, Any]:
     """What the folder of a run says of its training: config and record; nothing of an ONNX file."""
     if run_dir.is_file():
         return {}
-    told: dict[str, Any] = {"config": load_config(TrainConfig, run_dir / CONFIG).model_dump(mode="json")}
+    told: dict[str, Any] = {"config": load_config(TrainConfig, run_dir / CONFIG, stored=True).identity()}
     record, end = run_dir / RECORD, run_dir / CARD
     if record.is_file():
         told["record"] = read_json(record)

@@ -10,6 +10,7 @@ import numpy as np
 
 from sixway.core.frames import parse_size
 from sixway.data.dataset import SmokeDataset
+from sixway.guide.config import same_guide
 from sixway.inference.onnx import Guides, export_onnx, export_onnx_dynamic
 from sixway.inference.onnx_rules import OPSETS, Precision, Target
 from sixway.inference.padding import pad_guide
@@ -89,7 +90,7 @@ def training_guides(folder: Path, card: NetCard, stride: int) -> Guides:
     Raises ValueError if the net reads another guide than the dataset has under that name.
     """
     data = SmokeDataset(folder, guide=card.guide_name, split="train")
-    if data.guide_channels != card.guide_channels or data.guide_config != card.guide:
+    if data.guide_channels != card.guide_channels or not same_guide(data.guide_identity, card.guide):
         raise ValueError(f"{folder}: its guide {card.guide_name!r} is not the one that this net was trained on")
     share = -(-_PICTURES // len(data.groups))
     guides: list[np.ndarray] = []

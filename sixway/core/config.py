@@ -85,6 +85,12 @@ class ConfigError(ValueError):
 
 Model = TypeVar("Model", bound=Config)
 
+Identity = dict[str, Any]
+"""What `Config.identity` gives: carried and compared by all, read by none but the room whose config it is of."""
+
+STORED = {"stored": True}
+"""Validation context of what this project wrote earlier: a field that is missing there is as it was `Introduced`."""
+
 
 def load_config(model: type[Model], path: Path, overrides: Sequence[str] = (), *, stored: bool = False) -> Model:
     """Read `path` as YAML 1.2, apply `overrides` (``a.b=value``) and check the whole against `model`.
@@ -178,7 +184,7 @@ def _validate(
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{source}: holds a value that is no number, text, list or mapping: {error}") from error
     try:
-        return model.model_validate_json(plain, context={"folder": folder, "stored": stored})
+        return model.model_validate_json(plain, context={"folder": folder, **(STORED if stored else {})})
     except ValidationError as error:
         lines = sorted({_describe(model, tree, problem, source=source, origins=origins) for problem in error.errors()})
         raise ConfigError("\n".join(lines)) from error

@@ -10,7 +10,7 @@ from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.store import content_hash, inside, sha256_file
 from sixway.data.augment import check_summed_lights, flip_pair
 from sixway.data.clips import Batch, join
-from sixway.data.manifest import Group, Manifest, PackedArray, Split, read_manifest
+from sixway.data.manifest import Group, GuideLights, Manifest, PackedArray, Split, read_manifest
 
 Draw = Literal["pictures", "sizes"]
 """How a batch's image size is drawn: every picture is seen equally often, or every size has an equal share."""
@@ -37,7 +37,8 @@ class SmokeDataset:
         self.flows = [_open(folder, g, g.arrays["flow"]) if "flow" in g.arrays else None for g in self.groups]
         self.guide_channels = self.groups[0].arrays[name].channels
         self.target_channels = self.groups[0].arrays["target"].channels
-        self.guide_config = self.manifest.guides[guide]
+        self.guide_identity = self.manifest.guides[guide]
+        self._lights = GuideLights.model_validate(self.guide_identity)
 
     def __len__(self) -> int:
         """Number of frames; pairs of consecutive frames are half as many."""
@@ -70,8 +71,8 @@ class SmokeDataset:
         num_pairs: of the smallest size; larger ones take fewer, so that batches hold about as many pixels.
         Raises ValueError if flips are asked for and this guide has no such symmetry.
         """
-        if flip and self.guide_config["sum_lights"]:
-            check_summed_lights(self.guide_config["lights"])
+        if flip and self._lights.sum_lights:
+            check_summed_lights(self._lights.lights)
         counts = self._pairs_per_batch(num_pairs)
         which = int(rng.choice(len(counts), p=self._chances(counts, draw)))
         rows = rng.integers(len(self.groups[which].samples) // 2, size=counts[which])

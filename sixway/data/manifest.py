@@ -8,9 +8,9 @@ arrays that training reads. A new guide re-marches and never re-traces.
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from sixway.core.config import Config
+from sixway.core.config import STORED, Config, Identity
 from sixway.core.store import read_json
 
 FORMAT = 1
@@ -72,8 +72,20 @@ class NoiseSummary(Config):
     worst_frame: str
 
 
+class GuideLights(BaseModel):
+    """What flips must know of a guide; all else that its room wrote is for that room.
+
+    sum_lights: one channel for all `lights` together.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    lights: tuple[str, ...]
+    sum_lights: bool
+
+
 class Manifest(Config):
-    """The whole dataset. guides: each variant's config, as its room wrote it. noise_psnr_db: PSNR of
+    """The whole dataset. guides: each variant, as its room names it. noise_psnr_db: PSNR of
     two test references with other seeds, sRGB; a perfect net scores 3.01 dB more. The scales are what `conventions`
     says of them."""
 
@@ -82,7 +94,7 @@ class Manifest(Config):
     scale: float = Field(gt=0.0)
     emissive_scale: float | None = Field(default=None, gt=0.0)
     medium: dict[str, float]
-    guides: dict[str, dict[str, Any]]
+    guides: dict[str, Identity]
     groups: tuple[Group, ...]
     noise_psnr_db: float | None = None
     noise: NoiseSummary | None = None
@@ -110,7 +122,7 @@ def read_manifest(folder: Path) -> Manifest:
         )
     read_json(path)
     try:
-        return Manifest.model_validate_json(path.read_bytes())
+        return Manifest.model_validate_json(path.read_bytes(), context=STORED)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))

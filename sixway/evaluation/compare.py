@@ -18,6 +18,7 @@ from sixway.evaluation.pictures import write_pictures
 from sixway.evaluation.report import write_report
 from sixway.evaluation.score import MASK_ALPHA, FrameScores, score
 from sixway.evaluation.summary import SPARSE, Headline, breakdown, describe, summarise
+from sixway.guide.config import same_guide
 from sixway.inference.predict import Predictor
 from sixway.models.cost import gmac
 from sixway.models.unet import SixWayUNet
@@ -41,7 +42,7 @@ def compare(
     report and its page. Raises ValueError if the dataset's guide is not the one that the net was trained with.
     """
     card = predictor.card
-    if dataset.guide_config != card.guide:
+    if not same_guide(dataset.guide_identity, card.guide):
         raise ValueError(f"{folder}: its guide {card.guide_name!r} has another config than the net was trained on")
     started = time.perf_counter()
     train = SmokeDataset(folder, guide=card.guide_name, split="train")

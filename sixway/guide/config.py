@@ -1,11 +1,12 @@
 """What a guide holds and how coarsely it is marched."""
 
 import math
+from collections.abc import Mapping
 from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from sixway.core.config import Config
+from sixway.core.config import Config, parse_config
 from sixway.core.conventions import DIRECTIONS
 from sixway.core.frames import Camera, Grid, enough_divisions
 
@@ -111,3 +112,14 @@ class GuideConfig(Config):
     def rays_a_side(self, camera: Camera, grid: Grid) -> int:
         """Rays along an edge of the pixels that get more than one: no more than the reference takes."""
         return min(math.isqrt(self.pixel_samples), enough_divisions(grid, camera))
+
+
+def stored_guide(identity: Mapping[str, Any], *, source: str) -> GuideConfig:
+    """The guide that a manifest or a net's card names. Raises ConfigError if this version cannot march it."""
+    return parse_config(GuideConfig, identity, source=source, stored=True)
+
+
+def same_guide(dataset: Mapping[str, Any], net: Mapping[str, Any]) -> bool:
+    """Whether a dataset's guide is the one that a net was trained on, whenever either was written."""
+    first, second = stored_guide(dataset, source="the dataset's guide"), stored_guide(net, source="the net's guide")
+    return first.identity() == second.identity()

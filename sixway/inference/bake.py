@@ -5,10 +5,10 @@ import os
 import numpy as np
 from jaxtyping import Float
 
-from sixway.core.config import parse_config
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium, SixWayLightmap
-from sixway.guide.march import GuideConfig, GuideMarcher
+from sixway.guide.config import stored_guide
+from sixway.guide.march import GuideMarcher
 from sixway.inference.predict import Predictor, predict
 
 
@@ -22,7 +22,7 @@ class LightmapBaker:
 
     def __init__(self, predictor: Predictor, *, extinction_per_m: float, device: str) -> None:
         card = predictor.card
-        config = parse_config(GuideConfig, card.guide, source="the net's guide")
+        config = stored_guide(card.guide, source="the net's guide")
         missing = {"albedo", "hg_g"} - card.medium.keys()
         if missing:
             raise ValueError(f"the net's card does not tell the medium's {sorted(missing)}; export or train it again")

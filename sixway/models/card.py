@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from sixway.core.config import Config
+from sixway.core.config import Config, Identity
 from sixway.models.unet import SixWayUNet, UNetConfig
 from sixway.models.weights import load_with_card, parse_card, save_with_card
 
@@ -17,7 +17,7 @@ _KIND = "sixway net"
 class NetCard(Config):
     """Everything that running the net takes, beside its weights.
 
-    guide: config of the guide that the net reads, as the guide's room wrote it. scale: the six maps times
+    guide: that the net reads; `guide.config.stored_guide` makes its config of it. scale: the six maps times
     this are what the net answers in; emissive_scale: likewise of emissive, None as `scale`. medium: how
     the smoke of its training met light. loss: what it was trained under, stand-ins named.
     """
@@ -25,7 +25,7 @@ class NetCard(Config):
     format: Literal[1] = 1
     net: UNetConfig
     guide_name: str
-    guide: dict[str, Any]
+    guide: Identity
     guide_channels: tuple[str, ...]
     scale: float = Field(gt=0.0)
     emissive_scale: float | None = Field(default=None, gt=0.0)

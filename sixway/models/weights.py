@@ -14,7 +14,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-from sixway.core.config import Config
+from sixway.core.config import STORED, Config
 from sixway.core.store import atomic_path, read_json, sha256_file, write_text
 
 Card = TypeVar("Card", bound=Config)
@@ -66,7 +66,7 @@ def load_with_card(
 def parse_card(model: type[Card], text: str | bytes, *, source: str, kind: str) -> Card:
     """Check a card; raises ValueError naming `source` and what does not fit."""
     try:
-        return model.model_validate_json(text)
+        return model.model_validate_json(text, context=STORED)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "the whole"

@@ -142,7 +142,8 @@ def _claim(run_dir: Path, config: TrainConfig) -> None:
     if not path.is_file():
         write_text(path, dump_config(config))
         return
-    if changed := differences(load_config(TrainConfig, path).identity(), config.identity()):
+    there = load_config(TrainConfig, path, stored=True)
+    if changed := differences(there.identity(), config.identity()):
         raise ValueError(
             f"{run_dir}: holds a run of another config ({'; '.join(changed)}); "
             "use another --run-dir, or the old settings"

@@ -132,7 +132,7 @@ class Run:
         return NetCard(
             net=self.config.net,
             guide_name=self.config.guide,
-            guide=self.dataset.guide_config,
+            guide=self.dataset.guide_identity,
             guide_channels=self.dataset.guide_channels,
             scale=self.dataset.scale,
             emissive_scale=self.dataset.emissive_scale,

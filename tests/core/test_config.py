@@ -102,7 +102,7 @@ class NewOptimiser(Optimiser):
 class NewRoot(Config):
     train: NewOptimiser
     shapes: tuple[Annotated[NewSphere | Cylinder, Field(discriminator="kind")], ...] = ()
-    named: Annotated[dict[str, NewSphere | Cylinder], Introduced({})] = {}
+    named: Annotated[dict[str, NewSphere | Cylinder], Introduced({})] = Field(default_factory=dict)
 
 
 def test_a_field_that_came_later_leaves_the_identity_as_it_was() -> None:

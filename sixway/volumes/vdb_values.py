@@ -132,5 +132,5 @@ def _blosc(source: str) -> Any:
         return importlib.import_module("numcodecs.blosc")
     except ImportError as error:
         raise VolumeError(
-            f"{source}: compressed with Blosc, which needs numcodecs: pip install sixway[vdb] (or save it with zip)"
+            f"{source}: compressed with Blosc, which needs numcodecs: pip install numcodecs (or save it with zip)"
         ) from error

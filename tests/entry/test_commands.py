@@ -14,10 +14,13 @@ import onnx
 import pytest
 import torch
 
+from sixway import __main__ as sixway_main
 from sixway import demo
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = sorted(path.stem for path in (ROOT / "sixway").glob("*.py") if "__main__" in path.read_text())
+COMMANDS = sorted(
+    path.stem for path in (ROOT / "sixway").glob("*.py") if "__main__" in path.read_text() and path.stem[0] != "_"
+)
 DRIVERS = sorted(path.stem for path in (ROOT / "data_gen").glob("*.py"))
 TRAINING = str(ROOT / "configs/train/tiny.yaml")
 
@@ -40,7 +43,7 @@ def script(name: str, *arguments: str) -> int:
 
 
 def test_every_command_is_known_here() -> None:
-    known = "bake demo doctor evaluate export pack relight simulate train train_flow unpack"
+    known = "bake demo doctor evaluate export generate pack relight simulate train train_flow unpack"
     assert known.split() == COMMANDS
     assert set(DRIVERS) == {"generate", "simulate", "march_guides", "trace_references", "pack", "verify"}
 
@@ -297,3 +300,27 @@ def test_modules_run_as_programs(tmp_path: Path, ball: Path) -> None:
     assert done.stderr.strip().splitlines()[-1].startswith(f"error: {tmp_path}: holds no trained net")
     assert "Traceback" not in done.stderr
     assert listed(tmp_path) == []
+
+
+def test_sixway_lists_every_command_and_runs_it(capsys: pytest.CaptureFixture[str]) -> None:
+    listed_commands = [name for group in sixway_main.COMMANDS.values() for name in group]
+    assert sorted(listed_commands) == COMMANDS
+    assert sixway_main.main(["--help"]) == 0
+    told = capsys.readouterr().out
+    assert all(f"  {name} " in told for name in COMMANDS)
+    assert sixway_main.main(["relit"]) == 2
+    assert "no command 'relit'" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as stop:
+        sixway_main.main(["generate", "--help"])
+    assert stop.value.code == 0 and "--shard" in capsys.readouterr().out
+
+
+def test_a_command_whose_package_is_missing_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "sixway.unpack", raising=False)
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    for name in [name for name in sys.modules if name.startswith("sixway.engines")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert sixway_main.main(["unpack", "x.json", "--out", "y"]) == 2
+    assert "sixway unpack needs the package PIL" in capsys.readouterr().err

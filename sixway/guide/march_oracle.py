@@ -14,7 +14,7 @@ from sixway.guide.views import to_light_in_world
 
 SMALLEST_WEIGHT = 1e-4
 SMALLEST_SLAB = 1e-3
-LARGEST_DIFFERENCE = 0.1
+LARGEST_DIFFERENCE = 0.02
 
 Pictures = tuple[
     Float[np.ndarray, "h w l"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]

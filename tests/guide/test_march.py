@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 from sixway.core.config import ConfigError, parse_config
 from sixway.core.frames import Camera, Grid
 from sixway.core.records import DensityFrame, Medium
-from sixway.guide import march_oracle
+from sixway.guide import march_oracle, smoke_kernels
 from sixway.guide.config import LIGHT_SETS, GuideConfig
 from sixway.guide.march import GuideMarcher
 from sixway.guide.views import to_light_in_world
@@ -212,6 +212,10 @@ def test_views_share_a_frame_and_equal_single_marches(rng, device, options) -> N
         assert guide.image.tobytes() == alone.image.tobytes()
     with pytest.raises(ValueError, match="3 cameras and 1 seeds"):
         GuideMarcher(config, medium, device=device).march_views(frame, cameras, seeds=[3])
+
+
+def test_edges_begin_where_the_oracle_says() -> None:
+    assert march_oracle.LARGEST_DIFFERENCE == smoke_kernels.LARGEST_DIFFERENCE
 
 
 @pytest.mark.parametrize(("options", "rays"), [(BOTH[0], 4), (BOTH[1], 4), (BOTH[1], 16)])

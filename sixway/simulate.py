@@ -16,7 +16,7 @@ from sixway.core.frames import Grid
 from sixway.core.png import write_png
 from sixway.core.progress import track
 from sixway.generation.preview import filmstrip
-from sixway.generation.simulation import Format, Simulation
+from sixway.generation.simulation import Format, SimulationRun
 from sixway.sim.scenario import ScenarioConfig
 
 
@@ -51,7 +51,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     scenario = load_config(ScenarioConfig, options.scenario, options.set)
-    job = Simulation(
+    job = SimulationRun(
         scenario=scenario,
         out=options.out,
         formats=tuple(dict.fromkeys(options.format)),
@@ -81,7 +81,7 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _dry_run(job: Simulation) -> int:
+def _dry_run(job: SimulationRun) -> int:
     from sixway.sim.solver import SmokeSolver
 
     solver = SmokeSolver(job.scenario, device=job.device, threads=job.threads)

@@ -75,7 +75,7 @@ Views = Annotated[Annotated[FixedViews, Tag("fixed")] | Annotated[DrawnViews, Ta
 
 
 @dataclass(frozen=True, kw_only=True)
-class View:
+class DatasetView:
     """A camera around a grid, by the settings that its name tells. density_scale: factor on the smoke that it sees."""
 
     kind: Literal["orthographic", "perspective"]
@@ -106,7 +106,9 @@ class View:
         return frame if self.density_scale == 1.0 else replace(frame, density=frame.density * self.density_scale)
 
 
-def views_around(grid: Grid, sets: Sequence[FixedViews | DrawnViews], *, seed: Sequence[int | str]) -> tuple[View, ...]:
+def views_around(
+    grid: Grid, sets: Sequence[FixedViews | DrawnViews], *, seed: Sequence[int | str]
+) -> tuple[DatasetView, ...]:
     """The views of one simulation. seed: what the drawn ones depend on. Raises ConfigError if two are the same."""
     views = []
     for place, views_of_set in enumerate(sets):
@@ -120,14 +122,14 @@ def views_around(grid: Grid, sets: Sequence[FixedViews | DrawnViews], *, seed: S
     return tuple(views)
 
 
-def _fixed(grid: Grid, views: FixedViews) -> Iterator[View]:
+def _fixed(grid: Grid, views: FixedViews) -> Iterator[DatasetView]:
     for yaw in views.yaws_deg:
         for pitch in views.pitches_deg:
             for scale in views.density_scales:
                 yield _view(grid, views, yaw, pitch, views.margin, scale, views.width_px, views.height_px)
 
 
-def _drawn(grid: Grid, views: DrawnViews, seed: Sequence[int | str]) -> Iterator[View]:
+def _drawn(grid: Grid, views: DrawnViews, seed: Sequence[int | str]) -> Iterator[DatasetView]:
     for number in range(views.drawn):
         rng = np.random.default_rng(int(content_hash([*seed, number]), 16))
         yaw, pitch = (_rounded(rng.uniform(*span), "angle_deg") for span in (views.yaw_deg, views.pitch_deg))
@@ -145,7 +147,7 @@ def _rounded(value: float, kind: str) -> float:
 
 def _view(
     grid: Grid, lens: _Lens, yaw: float, pitch: float, margin: float, density_scale: float, width: int, height: int
-) -> View:
+) -> DatasetView:
     lens_and_place: dict[str, Any] = {
         "kind": lens.kind,
         "fov_deg": lens.fov_deg,
@@ -155,4 +157,4 @@ def _view(
         "width_px": width,
         "height_px": height,
     }
-    return View(**lens_and_place, density_scale=density_scale, camera=Camera.around(grid, **lens_and_place))
+    return DatasetView(**lens_and_place, density_scale=density_scale, camera=Camera.around(grid, **lens_and_place))

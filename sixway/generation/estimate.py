@@ -11,7 +11,7 @@ from rich.table import Table
 from sixway.core.exr import write_exr
 from sixway.core.records import DensityFrame
 from sixway.generation import stages
-from sixway.generation.cameras import View
+from sixway.generation.cameras import DatasetView
 from sixway.generation.stages import Generation
 from sixway.generation.traced import HalvedTracer
 from sixway.guide.march import GuideMarcher
@@ -99,7 +99,7 @@ def estimate(job: Generation) -> list[Cost]:
     return costs
 
 
-def _pixels(view: View) -> int:
+def _pixels(view: DatasetView) -> int:
     return view.camera.width_px * view.camera.height_px
 
 

@@ -20,14 +20,14 @@ from sixway.core.store import (
     write_with_holes,
 )
 from sixway.data.manifest import MANIFEST, Group, Manifest, PackedArray, Sample, Split
-from sixway.generation.cameras import View
+from sixway.generation.cameras import DatasetView
 from sixway.generation.card import write_card
 from sixway.generation.jobs import INDEX
 from sixway.generation.noise import reference_noise_psnr_db, summarised
-from sixway.generation.plan import Folder, Simulation
+from sixway.generation.plan import Folder, PlannedSimulation
 from sixway.generation.stages import FLOW_CHANNELS, TARGET_CHANNELS, Generation, channels_of
 
-Row = tuple[Simulation, View, int]
+Row = tuple[PlannedSimulation, DatasetView, int]
 Made = tuple[Path, dict[str, Any]]
 """A finished frame and its record."""
 

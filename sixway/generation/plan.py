@@ -14,7 +14,7 @@ from sixway.core.config import Config, ConfigError, load_config
 from sixway.core.records import Medium
 from sixway.core.store import content_hash
 from sixway.data.manifest import Split
-from sixway.generation.cameras import View, Views, views_around
+from sixway.generation.cameras import DatasetView, Views, views_around
 from sixway.guide.march import GuideConfig
 from sixway.reference.lightmaps import ReferenceConfig
 from sixway.sim.scenario import ScenarioConfig
@@ -79,14 +79,14 @@ class DatasetConfig(Config):
 
 
 @dataclass(frozen=True)
-class Simulation:
+class PlannedSimulation:
     """One simulation with its scenario read, and the frames of it that the dataset takes."""
 
     name: str
     split: Split
     scenario: ScenarioConfig
     frames: tuple[int, ...]
-    views: tuple[View, ...]
+    views: tuple[DatasetView, ...]
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Plan:
     """A dataset config with its scenarios, cameras, frames and folders worked out."""
 
     config: DatasetConfig
-    simulations: tuple[Simulation, ...]
+    simulations: tuple[PlannedSimulation, ...]
 
     @classmethod
     def read(cls, path: Path, overrides: tuple[str, ...] = ()) -> Self:
@@ -119,39 +119,39 @@ class Plan:
             raise ConfigError("\n".join(problems))
         return cls(config=config, simulations=tuple(simulations))
 
-    def density(self, simulation: Simulation) -> Folder:
+    def density(self, simulation: PlannedSimulation) -> Folder:
         return _folder("density", simulation.name, made_by={"scenario": simulation.scenario.identity()})
 
-    def target(self, simulation: Simulation, view: View) -> Folder:
+    def target(self, simulation: PlannedSimulation, view: DatasetView) -> Folder:
         """Reference frames, of one trace or the means of two (`HalvedTracer`); scored simulations get more samples."""
         reference = self.reference(simulation).identity()
         traces = 2 if self.tells_noise(simulation) else 1
         return self._of_view("target", simulation, view, {"reference": reference, "traces": traces})
 
-    def guide(self, name: str, simulation: Simulation, view: View) -> Folder:
+    def guide(self, name: str, simulation: PlannedSimulation, view: DatasetView) -> Folder:
         return self._of_view(f"guide_{name}", simulation, view, {"guide": self.config.guides[name].identity()})
 
-    def flow(self, simulation: Simulation, view: View) -> Folder:
+    def flow(self, simulation: PlannedSimulation, view: DatasetView) -> Folder:
         return self._of_view("flow", simulation, view, {})
 
-    def reference(self, simulation: Simulation) -> ReferenceConfig:
+    def reference(self, simulation: PlannedSimulation) -> ReferenceConfig:
         reference = self.config.reference
         if simulation.split == "train":
             return reference
         return reference.model_copy(update={"samples": reference.samples * self.config.test_samples_factor})
 
-    def tells_noise(self, simulation: Simulation) -> bool:
+    def tells_noise(self, simulation: PlannedSimulation) -> bool:
         return simulation.split in self.config.noise_of
 
-    def seed(self, simulation: Simulation, view: View, frame: int) -> int:
+    def seed(self, simulation: PlannedSimulation, view: DatasetView, frame: int) -> int:
         """One seed for every frame and view of the guides, whatever the order in which they are made."""
         return int(content_hash([self.config.seed, simulation.name, view.name, frame])[:7], 16)
 
-    def frame_seed(self, simulation: Simulation, frame: int) -> int:
+    def frame_seed(self, simulation: PlannedSimulation, frame: int) -> int:
         """One seed for all references of a frame, so that its views can share the light that is the same for all."""
         return int(content_hash([self.config.seed, simulation.name, frame])[:7], 16)
 
-    def _of_view(self, layer: str, simulation: Simulation, view: View, made_by: dict[str, Any]) -> Folder:
+    def _of_view(self, layer: str, simulation: PlannedSimulation, view: DatasetView, made_by: dict[str, Any]) -> Folder:
         everything = {
             **made_by,
             "seed": self.config.seed,
@@ -166,7 +166,7 @@ def _folder(*parts: str, made_by: dict[str, Any]) -> Folder:
     return Folder(path="/".join((*parts, content_hash(made_by))), made_by=made_by)
 
 
-def _simulation(entry: SimulationEntry, scenario: ScenarioConfig, config: DatasetConfig) -> Simulation:
+def _simulation(entry: SimulationEntry, scenario: ScenarioConfig, config: DatasetConfig) -> PlannedSimulation:
     most = scenario.frames // 2
     key, pairs = (
         ("pairs_per_simulation", config.pairs_per_simulation) if entry.pairs is None else ("pairs", entry.pairs)
@@ -177,7 +177,7 @@ def _simulation(entry: SimulationEntry, scenario: ScenarioConfig, config: Datase
             f"lower the pairs to {most} or raise frames"
         )
     sets = config.test_views if config.test_views and entry.split != "train" else config.views
-    return Simulation(
+    return PlannedSimulation(
         name=entry.name,
         split=entry.split,
         scenario=scenario,

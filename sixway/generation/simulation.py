@@ -28,7 +28,7 @@ INDEX = "frames.jsonl"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulation:
+class SimulationRun:
     """A scenario, where its frames go and as what.
 
     formats: files of every frame. checkpoint_every: frames between two checkpoints; 0 keeps none. replace: delete what

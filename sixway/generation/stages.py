@@ -11,9 +11,9 @@ from sixway.core.conventions import LIGHTMAP_CHANNELS
 from sixway.core.exr import write_exr
 from sixway.core.records import DensityFrame
 from sixway.core.store import content_hash, provenance
-from sixway.generation.cameras import View
+from sixway.generation.cameras import DatasetView
 from sixway.generation.jobs import FrameStore, Shard, run_shards
-from sixway.generation.plan import Folder, Plan, Simulation
+from sixway.generation.plan import Folder, Plan, PlannedSimulation
 from sixway.generation.traced import HalvedTracer
 from sixway.guide.march import GuideMarcher
 from sixway.guide.motion import project_motion
@@ -44,10 +44,10 @@ class Generation:
         """The same object whenever it is asked for, so that a folder's record is read once."""
         return self._stores.setdefault(folder.path, FrameStore(self.out, folder))
 
-    def density_path(self, simulation: Simulation, frame: int) -> Path:
+    def density_path(self, simulation: PlannedSimulation, frame: int) -> Path:
         return self.store(self.plan.density(simulation)).frame_path(frame, ".npz")
 
-    def read_density(self, simulation: Simulation, frame: int) -> DensityFrame:
+    def read_density(self, simulation: PlannedSimulation, frame: int) -> DensityFrame:
         path = self.density_path(simulation, frame)
         if not path.is_file():
             raise FileNotFoundError(f"{path}: this density frame is missing; run the simulate stage first")
@@ -154,9 +154,9 @@ def trace_shard(job: Generation, shard: Shard) -> Iterator[None]:
                     break
 
 
-def sharing(views: Sequence[View]) -> list[list[View]]:
+def sharing(views: Sequence[DatasetView]) -> list[list[DatasetView]]:
     """The views that see the same smoke, and so share its light."""
-    groups: dict[float, list[View]] = defaultdict(list)
+    groups: dict[float, list[DatasetView]] = defaultdict(list)
     for view in views:
         groups[view.density_scale].append(view)
     return list(groups.values())
@@ -196,11 +196,11 @@ def all_stores(job: Generation) -> list[tuple[FrameStore, list[str]]]:
     return _density_stores(job) + _guide_stores(job) + _target_stores(job)
 
 
-def _names(simulation: Simulation, suffix: str) -> list[str]:
+def _names(simulation: PlannedSimulation, suffix: str) -> list[str]:
     return [f"frame_{frame:04d}{suffix}" for frame in simulation.frames]
 
 
-def _frames(plan: Plan) -> list[tuple[Simulation, int]]:
+def _frames(plan: Plan) -> list[tuple[PlannedSimulation, int]]:
     return [(simulation, frame) for simulation in plan.simulations for frame in simulation.frames]
 
 
@@ -209,7 +209,9 @@ def channels_of(record: dict[str, Any], layer: tuple[str, ...]) -> tuple[str, ..
     return tuple(record.get("channels", layer))
 
 
-def _attributes(job: Generation, simulation: Simulation, view: View, facts: dict[str, Any]) -> dict[str, Any]:
+def _attributes(
+    job: Generation, simulation: PlannedSimulation, view: DatasetView, facts: dict[str, Any]
+) -> dict[str, Any]:
     """What an EXR says of itself, so that a frame that left its dataset can be traced back."""
     made = provenance()
     return {

@@ -65,9 +65,12 @@ def test_another_mesh_under_the_same_name_makes_pictures_anew(
     command = ("relight", ball, "--checkpoint", trained_run, "--size", "16", "--solid", f"mesh@{path}", "-o", out)
     tetrahedron = "v {0} 0 0.6\nv 0 {0} 0.6\nv 0 0 0.6\nv 0 0 0.7\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
     pictures = []
-    for size in (0.2, 0.4567):
+    for size, replace in ((0.2, []), (0.4567, ["--replace"])):
         path.write_text(tetrahedron.format(size))
-        assert run(*command).status == 0
+        if replace:
+            refused = run(*command)
+            assert refused.status == 2 and "files.body.obj" in refused.err
+        assert run(*command, *replace).status == 0
         pictures.append((out / "picture_0000.png").read_bytes())
     assert pictures[0] != pictures[1]
 

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from sixway.core.store import read_json_lines
-from sixway.generation.simulation import INDEX, Simulation
+from sixway.generation.simulation import INDEX, SimulationRun
 from sixway.sim.scenario import ScenarioConfig
 from sixway.simulate import main
 from sixway.volumes.read import CHECKPOINT, read_volume
@@ -57,7 +57,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(scenario: Path, tmp_p
 
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert main([str(scenario), "--out", str(whole), "--no-strip", "--threads", "1"]) == 0
-    job = Simulation(scenario=load_config(ScenarioConfig, scenario), out=killed, checkpoint_every=2)
+    job = SimulationRun(scenario=load_config(ScenarioConfig, scenario), out=killed, checkpoint_every=2)
     next(run := job.run())
     next(run)
     run.close()  # as a kill would, in the middle

@@ -19,14 +19,15 @@ from sixway.generation.verify import mixed_folders, verify
 STAGES = ("simulate", "march_guides", "trace_references", "pack", "verify")
 
 
-def main(arguments: Sequence[str] | None = None, *, only: Sequence[str] = STAGES) -> int:
-    """Run the stages `only`, in order; the exit status, 0 if all went well.
+def main(arguments: Sequence[str] | None = None, *, only: Sequence[str] = STAGES, program: str | None = None) -> int:
+    """Run the stages `only`, in order; the exit status, 0 if all went well. program: its name in the help.
 
     What is wrong with the input is told in one message on standard error.
     """
     parser = argparse.ArgumentParser(
+        prog=program,
         description=f"Make a dataset: {', '.join(only)}. The same command resumes what was interrupted.",
-        epilog="example: data_gen/generate.py configs/data/tiny.yaml --out runs/tiny views.0.width_px=96",
+        epilog="example: python -m sixway.generate configs/data/tiny.yaml --out runs/tiny views.0.width_px=96",
     )
     parser.add_argument("config", type=Path, help="dataset config, such as configs/data/tiny.yaml")
     parser.add_argument("overrides", nargs="*", metavar="key=value", help="overrides of the config")

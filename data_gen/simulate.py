@@ -2,7 +2,7 @@
 
 import sys
 
-from sixway.generation.command import main
+from sixway.generate import main
 
 if __name__ == "__main__":
-    sys.exit(main(only=("simulate",)))
+    sys.exit(main(program=None, only=("simulate",)))

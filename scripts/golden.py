@@ -21,7 +21,8 @@ from sixway.core.config import load_config, parse_config
 from sixway.core.frames import Camera
 from sixway.core.records import DensityFrame, Medium
 from sixway.core.store import read_json_lines, write_json
-from sixway.generation.command import main as generate
+from sixway.extras.moments import make_flow
+from sixway.generate import main as generate
 from sixway.guide.config import GuideConfig
 from sixway.guide.march import GuideMarcher
 from sixway.inference.bake import LightmapBaker
@@ -106,7 +107,7 @@ def simulated(name: str, overrides: list[str], frames: int = 6) -> DensityFrame:
     """A frame of a shipped scenario on 16 cells."""
     path = ROOT / "configs" / "sim" / f"{name}.yaml"
     resolution = "resolution={cells: 16, refinement: 2}"
-    solver = SmokeSolver(load_config(ScenarioConfig, path, [resolution, *overrides]), device="cpu")
+    solver = SmokeSolver(load_config(ScenarioConfig, path, [resolution, *overrides]), device="cpu", make_flow=make_flow)
     for _ in range(frames):
         solver.advance()
     return solver.frame()

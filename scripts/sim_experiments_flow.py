@@ -8,12 +8,11 @@ import numpy as np
 import warp as wp
 from pydantic import ValidationError
 
+from sixway.extras.moments import make_flow
 from sixway.sim.flow import oracle
-from sixway.sim.flow.collision import Model
 from sixway.sim.flow.faces import Face, Faces, MovingWall
 from sixway.sim.flow.flow import INSIDE, Flow, FlowConfig
-from sixway.sim.flow.lattice import FLUID, LatticeName, lattice_named
-from sixway.sim.moments import MomentFlow
+from sixway.sim.flow.lattice import FLUID, CollisionModel, LatticeName, lattice_named
 
 
 @dataclass(frozen=True)
@@ -21,7 +20,7 @@ class Variant:
     """A way to compute air: lattice and collision model, as populations or as ten moments a cell."""
 
     lattice: LatticeName
-    model: Model
+    model: CollisionModel
     moments: bool = False
     device: str = "cpu"
     threads: int = 1
@@ -40,16 +39,16 @@ class Variant:
             model=self.model,
             smagorinsky=smagorinsky,
             streaming="two_grids" if self.moments else "in_place",
+            encoding="moments" if self.moments else "populations",
             faces=faces,
         )
-        kind = MomentFlow if self.moments else Flow
-        return kind(config, shape_zyx=shape_zyx, viscosity=viscosity, device=self.device, threads=self.threads)
+        return make_flow(config, shape_zyx=shape_zyx, viscosity=viscosity, device=self.device, threads=self.threads)
 
 
 def offered(*, device: str = "cpu", threads: int = 1) -> Iterator[Variant]:
     """All that a user can ask for."""
     for lattice in get_args(LatticeName):
-        for model in get_args(Model):
+        for model in get_args(CollisionModel):
             for moments in (False, True):
                 variant = Variant(lattice, model, moments, device, threads)
                 try:

@@ -9,8 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from sixway import evaluate, export, relight, train
-from sixway.generation import command
+from sixway import evaluate, export, generate, relight, train
 
 _CONFIGS = Path(__file__).parents[1] / "configs"
 _NEEDED_OVER_MEAN_DB = 6.0
@@ -36,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
 
     stages: dict[str, Callable[[], int]] = {
-        "simulate, march guides, trace references": lambda: command.main(
+        "simulate, march guides, trace references": lambda: generate.main(
             [str(_CONFIGS / "data/tiny.yaml"), "--out", str(data), *device]
         ),
         "train": lambda: train.main(

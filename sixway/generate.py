@@ -3,12 +3,18 @@
 import sys
 from collections.abc import Sequence
 
+from sixway.extras.moments import make_flow
 from sixway.generation import command
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Make what is missing of a dataset, all stages in order; the exit status."""
-    return command.main(arguments, program="python -m sixway.generate")
+def main(
+    arguments: Sequence[str] | None = None,
+    *,
+    only: Sequence[str] = command.STAGES,
+    program: str | None = "python -m sixway.generate",
+) -> int:
+    """Make what is missing of a dataset, the stages `only` in order; the exit status. program: its name in the help."""
+    return command.main(arguments, only=only, program=program, make_flow=make_flow)
 
 
 if __name__ == "__main__":

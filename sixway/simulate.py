@@ -15,6 +15,7 @@ from sixway.core.config import load_config
 from sixway.core.frames import Grid
 from sixway.core.png import write_png
 from sixway.core.progress import track
+from sixway.extras.moments import make_flow
 from sixway.generation.preview import filmstrip
 from sixway.generation.simulation import Format, SimulationRun
 from sixway.sim.scenario import ScenarioConfig
@@ -59,6 +60,7 @@ def _run(options: argparse.Namespace) -> int:
         device=options.device,
         threads=max(1, options.threads),
         replace=options.replace,
+        make_flow=make_flow,
     )
     timing = scenario.timing
     print(
@@ -82,9 +84,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _dry_run(job: SimulationRun) -> int:
-    from sixway.sim.solver import SmokeSolver
-
-    solver = SmokeSolver(job.scenario, device=job.device, threads=job.threads)
+    solver = job.fresh_solver()
     solver.advance()  # compiles
     start = time.perf_counter()
     for _ in range(2):

@@ -15,12 +15,21 @@ from sixway.generation.pack import pack
 from sixway.generation.plan import Plan
 from sixway.generation.stages import Generation
 from sixway.generation.verify import mixed_folders, verify
+from sixway.sim.flow.flow import Flow, MakeFlow
 
 STAGES = ("simulate", "march_guides", "trace_references", "pack", "verify")
 
 
-def main(arguments: Sequence[str] | None = None, *, only: Sequence[str] = STAGES, program: str | None = None) -> int:
-    """Run the stages `only`, in order; the exit status, 0 if all went well. program: its name in the help.
+def main(
+    arguments: Sequence[str] | None = None,
+    *,
+    only: Sequence[str] = STAGES,
+    program: str | None = None,
+    make_flow: MakeFlow = Flow,
+) -> int:
+    """Run the stages `only`, in order; the exit status, 0 if all went well.
+
+    program: its name in the help. make_flow: see `SmokeSolver`.
 
     What is wrong with the input is told in one message on standard error.
     """
@@ -39,17 +48,17 @@ def main(arguments: Sequence[str] | None = None, *, only: Sequence[str] = STAGES
     parser.add_argument("--no-estimate", action="store_true", help="skip the two-frame probe")
     options = parser.parse_intermixed_args(arguments)
     quieten_warp()
-    return status_of(lambda: _run(options, only))
+    return status_of(lambda: _run(options, only, make_flow))
 
 
-def _run(options: argparse.Namespace, only: Sequence[str]) -> int:
+def _run(options: argparse.Namespace, only: Sequence[str], make_flow: MakeFlow) -> int:
     if options.workers < 1:
         raise ValueError(f"--workers {options.workers} must be at least 1")
     shard = None if options.shard is None else Shard.parse(options.shard)
     if shard and len(only) > 1:
         raise ValueError("--shard shares one stage: use its own driver, such as data_gen/trace_references.py")
     plan = Plan.read(options.config, tuple(options.overrides))
-    job = Generation(plan=plan, out=options.out, device=options.device)
+    job = Generation(plan=plan, out=options.out, device=options.device, make_flow=make_flow)
     print(_summary(plan))
     costly = set(only) & {"simulate", "march_guides", "trace_references"}
     missing = sum(len(set(names) - store.done().keys()) for store, names in stages.all_stores(job))

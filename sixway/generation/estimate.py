@@ -58,7 +58,7 @@ def estimate(job: Generation) -> list[Cost]:
         views[s.split != "train"] += len(s.frames) * len(s.views)
         px[s.split != "train"] += len(s.frames) * sum(_pixels(view) for view in s.views)
     all_views, all_px = sum(views.values()), sum(px.values())
-    seconds, frames = _probe(simulation.scenario, device=device)
+    seconds, frames = _probe(simulation.scenario, job)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_npz(folder / "d.npz", frames[-1], half=True)
@@ -103,9 +103,9 @@ def _pixels(view: DatasetView) -> int:
     return view.camera.width_px * view.camera.height_px
 
 
-def _probe(scenario: ScenarioConfig, *, device: str) -> tuple[float, list[DensityFrame]]:
+def _probe(scenario: ScenarioConfig, job: Generation) -> tuple[float, list[DensityFrame]]:
     """Seconds a simulated frame, and three frames around the middle of the sequence."""
-    solver = SmokeSolver(scenario, device=device)
+    solver = SmokeSolver(scenario, device=job.device, make_flow=job.make_flow)
     solver.advance()  # compiles
     middle, done = scenario.warmup_frames + scenario.frames // 2, 0
     start = time.perf_counter()

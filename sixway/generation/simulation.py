@@ -16,6 +16,7 @@ from sixway.core.store import (
     write_text,
 )
 from sixway.sim.checkpoint import load_checkpoint, save_checkpoint
+from sixway.sim.flow.flow import Flow, MakeFlow
 from sixway.sim.scenario import ScenarioConfig
 from sixway.sim.solver import FlowError, SmokeSolver
 from sixway.volumes.read import CHECKPOINT, read_volume
@@ -32,7 +33,7 @@ class SimulationRun:
     """A scenario, where its frames go and as what.
 
     formats: files of every frame. checkpoint_every: frames between two checkpoints; 0 keeps none. replace: delete what
-    was made with other settings.
+    was made with other settings. make_flow: see `SmokeSolver`.
     """
 
     scenario: ScenarioConfig
@@ -42,6 +43,7 @@ class SimulationRun:
     device: str = "cpu"
     threads: int = 1
     replace: bool = False
+    make_flow: MakeFlow = Flow
 
     def files(self, number: int) -> list[Path]:
         return [self.out / f"frame_{number:04d}.{suffix}" for suffix in self.formats]
@@ -113,9 +115,13 @@ class SimulationRun:
         return [read_volume(self.files(number)[0]) for number in sorted(numbers)]
 
     def _solver(self, checkpoint: Path, *, first: int) -> SmokeSolver:
-        solver = SmokeSolver(self.scenario, device=self.device, threads=self.threads)
+        solver = self.fresh_solver()
         if checkpoint.is_file():
             load_checkpoint(checkpoint, solver)
             if solver.frames_done > first + self.scenario.warmup_frames:  # an earlier frame was deleted
-                solver = SmokeSolver(self.scenario, device=self.device, threads=self.threads)
+                solver = self.fresh_solver()
         return solver
+
+    def fresh_solver(self) -> SmokeSolver:
+        """The simulation at its start."""
+        return SmokeSolver(self.scenario, device=self.device, threads=self.threads, make_flow=self.make_flow)

@@ -17,6 +17,7 @@ from sixway.generation.plan import Folder, Plan, PlannedSimulation
 from sixway.generation.traced import HalvedTracer
 from sixway.guide.march import GuideMarcher
 from sixway.guide.motion import project_motion
+from sixway.sim.flow.flow import Flow, MakeFlow
 from sixway.sim.solver import SmokeSolver
 from sixway.volumes.npz import read_npz, write_npz
 
@@ -28,11 +29,12 @@ FLOW_CHANNELS = ("flow_right", "flow_down")
 
 @dataclass(frozen=True)
 class Generation:
-    """Where a dataset is made, by which plan, on which device (``cpu``, ``cuda``)."""
+    """Where a dataset is made, by which plan, on which device (``cpu``, ``cuda``). make_flow: see `SmokeSolver`."""
 
     plan: Plan
     out: Path
     device: str = "cpu"
+    make_flow: MakeFlow = Flow
     _stores: dict[str, FrameStore] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -76,7 +78,8 @@ def simulate_shard(job: Generation, shard: Shard) -> Iterator[None]:
         missing = {f for f in simulation.frames if not store.holds(store.frame_path(f, ".npz"))}
         if not missing:
             continue
-        for number, frame in enumerate(SmokeSolver(simulation.scenario, device=job.device).frames()):
+        solver = SmokeSolver(simulation.scenario, device=job.device, make_flow=job.make_flow)
+        for number, frame in enumerate(solver.frames()):
             if number in missing:
                 path = store.frame_path(number, ".npz")
                 write_npz(path, frame, half=True)

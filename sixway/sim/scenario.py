@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -15,7 +15,6 @@ from sixway.sim.carried.scalars import FaceKind, Scheme
 from sixway.sim.checks import check_places
 from sixway.sim.flow.faces import SIDES, Faces, Side, opposite
 from sixway.sim.flow.flow import FlowConfig
-from sixway.sim.moments import check_moments
 from sixway.sim.resolution import Resolution, Timing, grids
 from sixway.sim.sources import InletConfig, PuffConfig, WindConfig
 from sixway.sim.units import LatticeUnits
@@ -24,6 +23,8 @@ Edge = Annotated[float, Field(gt=0.0, le=1000.0)]
 
 _REACH_CELLS = 1.0
 """How far the fastest source may carry smoke in one move: a disc on a wall is one cell thick."""
+_MOST_VOXELS = (2**31 - 1) // 4
+"""Fields are float32 planes [field, z, y, x], and Warp keeps the bytes between two of them in 32 bits."""
 _FASTEST_LATTICE_SPEED = 0.4
 """[cells/step]; lattice Boltzmann holds for speeds well below that of sound, 0.577."""
 
@@ -32,15 +33,6 @@ class AirConfig(FlowConfig):
     """The air of a scenario: open on all sides above a floor, unless `faces` says otherwise (then for all sides)."""
 
     faces: Faces = Faces(x_low="open", x_high="open", y_high="open", z_low="open", z_high="open")
-    encoding: Literal["populations", "moments"] = "populations"
-    """What a cell stores: its populations, or the ten moments that they follow from (Li et al. 2023), which asks for
-    lattice D3Q27, model third_order and streaming two_grids."""
-
-    @model_validator(mode="after")
-    def _can_be_encoded(self) -> Self:
-        if self.encoding == "moments":
-            check_moments(self)
-        return self
 
 
 class SmokeConfig(Config):
@@ -182,6 +174,17 @@ class ScenarioConfig(Config):
         if self.speed_m_s is not None:
             return self.speed_m_s
         return max(source.speed_m_s for source in self.blowing)
+
+    @model_validator(mode="after")
+    def _arrays_fit(self) -> Self:
+        voxels = math.prod(self.density_grid.shape_zyx)
+        if voxels > _MOST_VOXELS:
+            z, y, x = self.density_grid.shape_zyx
+            raise ValueError(
+                f"resolution: {x} x {y} x {z} smoke voxels are {voxels:,}; at most {_MOST_VOXELS:,} (812^3) fit the "
+                f"32-bit strides of Warp's arrays: lower cells or refinement"
+            )
+        return self
 
     @model_validator(mode="after")
     def _something_happens(self) -> Self:

@@ -10,11 +10,10 @@ from sixway.sim.bodies.voxelise import ObstacleField
 from sixway.sim.carried.burn import Burner
 from sixway.sim.carried.forces import Forces
 from sixway.sim.carried.scalars import Scalars
-from sixway.sim.flow.flow import INSIDE, Flow
+from sixway.sim.flow.flow import INSIDE, Flow, MakeFlow
 from sixway.sim.flow.lattice import SOUND_SPEED
 from sixway.sim.flow.watch import Watch
 from sixway.sim.gusts import blow
-from sixway.sim.moments import MomentFlow
 from sixway.sim.placement import SmokeSources, first_wind, imposed_cells
 from sixway.sim.scenario import ScenarioConfig
 
@@ -26,13 +25,13 @@ class FlowError(RuntimeError):
 class SmokeSolver:
     """Simulates one scenario on one device; the same scenario and device give the same bytes.
 
-    threads: CPU threads; they change no byte.
+    threads: CPU threads; they change no byte. make_flow: `Flow`, or what knows more encodings than populations.
 
     >>> for frame in SmokeSolver(scenario, device="cpu").frames():  # doctest: +SKIP
     ...     save(frame)
     """
 
-    def __init__(self, scenario: ScenarioConfig, *, device: str, threads: int = 1) -> None:
+    def __init__(self, scenario: ScenarioConfig, *, device: str, threads: int = 1, make_flow: MakeFlow = Flow) -> None:
         self.scenario = scenario
         self.frames_done = 0
         self._timing = scenario.timing
@@ -49,7 +48,6 @@ class SmokeSolver:
             device=device,
             threads=threads,
         )
-        make_flow = MomentFlow if scenario.flow.encoding == "moments" else Flow
         viscosity = units.viscosity_to_lattice(scenario.viscosity_m2_s)
         self._flow = make_flow(scenario.flow, shape_zyx=cells, viscosity=viscosity, device=device, threads=threads)
         self._flow.set_flow(velocity=first_wind(scenario))

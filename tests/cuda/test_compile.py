@@ -10,11 +10,10 @@ import pytest
 import warp as wp
 
 import sixway
-from sixway.sim import moments_native
+from sixway.extras.moments import generated as moments
 from sixway.sim.flow import collision
-from sixway.sim.flow.collision import Model
 from sixway.sim.flow.generated import air, edges
-from sixway.sim.flow.lattice import LatticeName, lattice_named
+from sixway.sim.flow.lattice import CollisionModel, LatticeName, lattice_named
 
 OLDEST, NEWEST = 75, 120
 """Compute capabilities (times 10), Turing and Blackwell: no kernel asks which one it runs on, so what compiles for both
@@ -51,13 +50,16 @@ def test_a_module_of_kernels_compiles_for_cuda(name: str, tmp_path: Path) -> Non
 
 def generated() -> list[tuple[str, object]]:
     """All that the lattice step is made of, for every lattice, collision and streaming."""
-    made: list[tuple[str, object]] = [("step of moments", moments_native.collide_and_stream())]
+    made: list[tuple[str, object]] = [
+        ("step of moments", moments.collide_and_stream()),
+        ("moments to populations", moments.expand()),
+    ]
     for lattice in get_args(LatticeName):
         made.append((f"find_links {lattice}", edges.find_links(lattice)))
         for streaming in STREAMINGS:
             makers = (air.measure, air.fill, air.grow, edges.send, edges.exchange)
             made += [(f"{make.__name__} {lattice} {streaming}", make(lattice, streaming)) for make in makers]
-    for lattice, model, streaming in product(get_args(LatticeName), get_args(Model), STREAMINGS):
+    for lattice, model, streaming in product(get_args(LatticeName), get_args(CollisionModel), STREAMINGS):
         try:
             collision.text(lattice_named(lattice), model)
         except ValueError:

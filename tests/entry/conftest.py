@@ -38,7 +38,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """``run("relight", *arguments)``: the entry point of that name, as `python -m sixway.relight` would."""
 
     def command(name: str, *arguments: object) -> Outcome:
-        main = import_module("sixway.generation.command" if name == "generate" else f"sixway.{name}").main
+        main = import_module(f"sixway.{name}").main
         capsys.readouterr()
         try:
             status = main([str(argument) for argument in arguments])

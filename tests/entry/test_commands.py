@@ -238,7 +238,7 @@ def test_demo_stops_at_the_stage_that_failed(run: Callable, tmp_path: Path, monk
     def stage(name: str, status: int) -> Callable[[list[str]], int]:
         return lambda arguments: (ran.append((name, arguments)), status)[1]
 
-    monkeypatch.setattr(demo.command, "main", stage("generate", 0))
+    monkeypatch.setattr(demo.generate, "main", stage("generate", 0))
     monkeypatch.setattr(demo.train, "main", stage("train", 2))
     monkeypatch.setattr(demo.evaluate, "main", stage("evaluate", 0))
     done = run("demo", "--out", tmp_path / "demo")

@@ -87,6 +87,10 @@ def test_a_frame_takes_the_same_time_at_every_tier() -> None:
         ({"smoke": {"scheme": "upwind"}}, "smoke.scheme.*cubic.*linear"),
         ({"lattice_speed": 0.3}, "lattice_speed.*0.2"),
         ({"resolution": {"cells": 4, "refinement": 2}}, "resolution.*8"),
+        (
+            {"resolution": {"cells": 256, "refinement": 4}},
+            r"resolution: 1024 x 1024 x 1024 smoke voxels.*812\^3.*lower cells",
+        ),
         ({"resolution": "huge"}, "resolution.*tiny"),
         ({"viscosity": 1.0}, "did you mean 'viscosity_m2_s'"),
     ],

@@ -3,18 +3,15 @@
 `text` is pasted into a row loop (`sixway.sim.flow.generated.air`). It reads the pulled populations `f0`, `f1`, ...
 (shifted by their weights, which keeps float32's digits for what differs from air at rest, Krueger et al. 2017,
 Sec. 4.3.1), the acceleration `ax`, `ay`, `az` [cells/step^2], the relaxation time `tau` [steps] of the molecular
-viscosity and Smagorinsky's constant `cs`; it overwrites `f0`, ... with the populations after collision and declares
-`rho`, `ux`, `uy`, `uz`: density and velocity [cells/step] in the middle of the step, half of the force included.
-Its own names start with `t_`. The float64 twins are in `sixway.sim.flow.collision_oracle`.
+viscosity and Smagorinsky's constant `smagorinsky`; it overwrites `f0`, ... with the populations after collision and
+declares `rho`, `ux`, `uy`, `uz`: density and velocity [cells/step] in the middle of the step, half of the force
+included. Its own names start with `t_`. The float64 twins are in `sixway.sim.flow.collision_oracle`.
 """
 
 from collections.abc import Collection, Iterable, Iterator
 from itertools import product
-from typing import Literal
 
-from sixway.sim.flow.lattice import Lattice
-
-Model = Literal["bgk", "regularised", "third_order"]
+from sixway.sim.flow.lattice import CollisionModel, Lattice
 
 AXES = "xyz"
 PLANES = (("x", "x"), ("y", "y"), ("z", "z"), ("x", "y"), ("x", "z"), ("y", "z"))
@@ -27,18 +24,18 @@ ALL_ORDERS: tuple[Orders, ...] = tuple(product((0, 1, 2), repeat=3))
 THIRD_ORDER = tuple(n for n in ALL_ORDERS if sum(n) <= 3)
 
 
-def text(lattice: Lattice, model: Model) -> str:
+def text(lattice: Lattice, model: CollisionModel) -> str:
     """C++ of one cell's collision. All models take Smagorinsky's eddy viscosity and force to second order.
 
     bgk: one rate for all moments, equilibrium to second order in u (Qian et al. 1992). Cheapest, for flows that the
-        grid resolves or an eddy viscosity smooths: it diverges at vanishing viscosity unless `cs` is 0.1 or more, and
-        without `cs` in the lid-driven cavity at Re 1000 on 64 cells where the lid's corners are still walls. With
-        0.1, jets at vanishing viscosity still carry waves of two cells nearly as strong as in noise.
-    regularised: Hermite moments about the velocity: the shear relaxes by `tau` and `cs`, all else at once, also the
-        trace of the stress (recursive regularisation, Malaspinas 2015; Coreixas et al. 2019). On D3Q27 clean at
-        vanishing viscosity without an eddy viscosity; D3Q19, which lacks moments, then diverges unless `cs` is 0.1.
-        With the trace relaxed at the rate of the shear, as these papers have it, an alternation from cell to cell
-        grows along a sliding wall, and the cavity at Re 1000 breaks up.
+        grid resolves or an eddy viscosity smooths: it diverges at vanishing viscosity unless `smagorinsky` is 0.1 or
+        more, and without it in the lid-driven cavity at Re 1000 on 64 cells where the lid's corners are still walls.
+        With 0.1, jets at vanishing viscosity still carry waves of two cells nearly as strong as in noise.
+    regularised: Hermite moments about the velocity: the shear relaxes by `tau` and `smagorinsky`, all else at once,
+        the trace of the stress too (recursive regularisation, Malaspinas 2015; Coreixas et al. 2019). On D3Q27 clean
+        at vanishing viscosity without an eddy viscosity; D3Q19, which lacks moments, then diverges unless
+        `smagorinsky` is 0.1. With the trace relaxed at the rate of the shear, as these papers have it, an alternation
+        from cell to cell grows along a sliding wall, and the cavity at Re 1000 breaks up.
     third_order: the same with the Hermite series of the populations cut after the third order (Li et al. 2023), D3Q27
         only. The population twin of `sixway.sim.moments`.
 
@@ -84,7 +81,8 @@ def moments(lattice: Lattice) -> Iterator[str]:
     yield "const float t_norm = sqrtf(t_sxx * t_sxx + t_syy * t_syy + t_szz * t_szz"
     yield "    + 2.0f * (t_sxy * t_sxy + t_sxz * t_sxz + t_syz * t_syz));"
     eddy = _number(18 * 2**0.5)
-    yield f"const float t_rate = 2.0f / (tau + sqrtf(tau * tau + {eddy} * cs * cs * t_norm * t_volume));"
+    yield f"const float t_eddy = {eddy} * smagorinsky * smagorinsky * t_norm * t_volume;"
+    yield "const float t_rate = 2.0f / (tau + sqrtf(tau * tau + t_eddy));"
     yield "const float t_keep = 1.0f - t_rate;"
 
 

@@ -8,8 +8,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from sixway.sim.flow.collision import Model
-from sixway.sim.flow.lattice import Lattice
+from sixway.sim.flow.lattice import CollisionModel, Lattice
 
 Populations = Float[np.ndarray, "q *cells"]
 Vector = Float[np.ndarray, "3 *cells"]
@@ -18,7 +17,7 @@ Tensor = Float[np.ndarray, "3 3 *cells"]
 
 
 def collide(
-    lattice: Lattice, model: Model, g: Populations, acceleration: Vector, *, tau: float, smagorinsky: float
+    lattice: Lattice, model: CollisionModel, g: Populations, acceleration: Vector, *, tau: float, smagorinsky: float
 ) -> tuple[Populations, Scalar, Vector]:
     """Populations after collision, density, and velocity in the middle of the step."""
     w = lattice.weights.reshape(-1, *[1] * (g.ndim - 1))

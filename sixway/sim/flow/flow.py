@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import ClassVar, Literal
 
 import numpy as np
 import warp as wp
@@ -13,29 +14,45 @@ from sixway.sim.flow import collision, kernels
 from sixway.sim.flow.faces import Faces, close_box
 from sixway.sim.flow.generated import air, edges
 from sixway.sim.flow.generated.pieces import Streaming
-from sixway.sim.flow.lattice import LatticeName, lattice_named, relaxation_time
+from sixway.sim.flow.lattice import CollisionModel, LatticeName, lattice_named, relaxation_time
 
 INSIDE = (slice(1, -1),) * 3
 """The box within its shell."""
+
+
+Encoding = Literal["populations", "moments"]
 
 
 class FlowConfig(Config):
     """How the air is computed. smagorinsky: constant of the eddy viscosity, 0 for none; 0.1 is usual."""
 
     lattice: LatticeName = "D3Q19"
-    model: collision.Model = "regularised"
+    model: CollisionModel = "regularised"
     smagorinsky: float = Field(default=0.1, ge=0.0, le=0.5)
     streaming: Streaming = "in_place"
     faces: Faces = Faces()
+    encoding: Encoding = "populations"
+    """What a cell stores: its populations, or the ten moments that they follow from (Li et al. 2023), which asks for
+    lattice D3Q27, model third_order and streaming two_grids."""
 
     @model_validator(mode="after")
     def _model_fits_lattice(self) -> "FlowConfig":
         collision.text(lattice_named(self.lattice), self.model)  # ValueError if the model needs the other lattice
         return self
 
+    @model_validator(mode="after")
+    def _can_be_encoded(self) -> "FlowConfig":
+        wanted = ("D3Q27", "third_order", "two_grids")
+        if self.encoding == "moments" and (self.lattice, self.model, self.streaming) != wanted:
+            raise ValueError(
+                f"lattice={self.lattice!r}, model={self.model!r}, streaming={self.streaming!r}: ten moments "
+                f"stand for {wanted} alone; set these, or store populations"
+            )
+        return self
+
 
 class Flow:
-    """The air in a box of [z, y, x] cells, at rest at first. Arrays have a shell of one cell on every side.
+    """The air in a box of [z, y, x] cells, at rest at first. Arrays have a shell of one ghost cell on every side.
 
     Write into the arrays; they stay the same ones, since the launches of a step are recorded.
 
@@ -50,10 +67,20 @@ class Flow:
         the other sides what lies beyond.
     """
 
+    encoding: ClassVar[Encoding] = "populations"
+
     def __init__(
         self, config: FlowConfig, *, shape_zyx: tuple[int, int, int], viscosity: float, device: str, threads: int = 1
     ) -> None:
-        """viscosity: kinematic [cells^2/step]. Raises ValueError if it is negative or the box has no cells."""
+        """viscosity: kinematic [cells^2/step].
+
+        Raises ValueError if it is negative, if the box has no cells, or for an encoding that is another class's.
+        """
+        if config.encoding != self.encoding:
+            raise ValueError(
+                f"encoding={config.encoding!r}: {type(self).__name__} stores {self.encoding}; "
+                "make the flow by sixway.extras.moments.make_flow, which knows both"
+            )
         if not viscosity >= 0.0:
             raise ValueError(f"viscosity={viscosity}: air has at least 0 cells^2/step")
         if min(shape_zyx) < 1:
@@ -77,9 +104,7 @@ class Flow:
         self._uncovered = wp.zeros_like(self.kind)
         self._refilled = wp.clone(self.density)
 
-        self._stride = _plane_floats(self.kind.size)
-        planes = len(lattice_named(config.lattice).weights)
-        grid = self._zeros((planes * self._stride,), wp.float32)
+        grid = self._zeros((self._planes, _plane_floats(self.kind.size)), wp.float32)
         self._grids = (grid, grid if config.streaming == "in_place" else wp.zeros_like(grid))
         self._find_links()
 
@@ -157,7 +182,7 @@ class Flow:
 
     def populations(self) -> np.ndarray:
         """What each cell sends in the coming step, g = f - w [q, z, y, x]; of cells that are no air, unsettled."""
-        planes = self._grid.numpy().reshape(-1, self._stride)[:, : self.kind.size].reshape(-1, *self._shape)
+        planes = self._by_cell(self._grid)
         if self.config.streaming == "two_grids":
             return planes.copy()
         lattice = lattice_named(self.config.lattice)
@@ -170,12 +195,13 @@ class Flow:
     def state(self) -> dict[str, np.ndarray]:
         """All that `restore` needs to go on with the same bytes. Waits for the device."""
         arrays = {name: array.numpy().copy() for name, array in self._state_arrays().items()}
-        return arrays | {"steps": np.array(self.steps)}
+        return arrays | {"populations": arrays["populations"].reshape(-1), "steps": np.array(self.steps)}
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Go on from a `state` of a flow of the same config and shape; ValueError if an array does not fit."""
         for name, array in self._state_arrays().items():
-            wanted = array.numpy().shape
+            held = array.numpy()
+            wanted = (held.size,) if name == "populations" else held.shape
             if name not in state or state[name].shape != wanted:
                 found = state[name].shape if name in state else "nothing"
                 raise ValueError(
@@ -184,7 +210,7 @@ class Flow:
                 )
         self.steps = int(state["steps"])  # says which grid is meant
         for name, array in self._state_arrays().items():
-            array.assign(state[name])
+            array.assign(state[name].reshape(array.numpy().shape))
         self._find_links()
 
     def _state_arrays(self) -> dict[str, wp.array]:
@@ -206,8 +232,8 @@ class Flow:
         collide_and_stream = air.collide_and_stream(name, self.config.model, streaming)
         launches = []
         for parity, (grid, after) in enumerate((self._grids, self._grids[::-1])):
-            edge = [self.kind, self._links, self.imposed, grid, self._stride, parity, self._row_with_shell]
-            cells = [self.kind, self.force, grid, after, self._stride, parity]
+            edge = [self.kind, self._links, self.imposed, grid, parity, self._row_with_shell]
+            cells = [self.kind, self.force, grid, after, parity]
             rates = [self._tau, self.config.smagorinsky, self._row]
             launches.append(
                 [
@@ -228,11 +254,20 @@ class Flow:
     @property
     def _sent(self) -> list[object]:
         """What the kernels need to find the populations that the last step sent."""
-        return [self._grid, self._stride, self.steps % 2]
+        return [self._grid, self.steps % 2]
 
     @property
     def _grid(self) -> wp.array:
+        """[plane, place]: of two axes, since the length of one alone must stay below 2^31 on Warp."""
         return self._grids[self.steps % 2]
+
+    @property
+    def _planes(self) -> int:
+        return len(lattice_named(self.config.lattice).weights)
+
+    def _by_cell(self, grid: wp.array) -> np.ndarray:
+        """Planes of a grid as [plane, z, y, x], without what pads them."""
+        return grid.numpy()[:, : self.kind.size].reshape(-1, *self._shape)
 
     @property
     def _row(self) -> int:
@@ -268,6 +303,10 @@ class Flow:
         self, kernel: wp.Kernel, dim: tuple[int, ...], inputs: list[object], outputs: Sequence[wp.array] = ()
     ) -> None:
         self._bands.launch(kernel, dim=dim, inputs=inputs, outputs=list(outputs))
+
+
+MakeFlow = Callable[..., Flow]
+"""Called as the class `Flow`: what an entry point hands in, which may know more encodings than populations."""
 
 
 def _plane_floats(cells: int) -> int:

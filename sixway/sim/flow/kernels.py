@@ -1,6 +1,6 @@
-"""Warp kernels of the air that seldom run: placing inlets and obstacles, the shell's velocity.
+"""Warp kernels of the flow that seldom run: placing inlets and obstacles, velocity of the ghost cells.
 
-Arrays are [z, y, x] with a shell of one cell. `first`: the first row (`sixway.bands`).
+Arrays are [z, y, x] with a shell of one ghost cell. `first`: the first row (`sixway.bands`).
 """
 
 import warp as wp
@@ -52,8 +52,8 @@ def image_of(k: int, j: int, i: int, kind: wp.array3d[wp.int32]):
 
 
 @wp.func
-def turned(component: float, mirror: int):
-    """A velocity's component in a mirror, if mirror is not 0."""
+def mirrored(component: float, mirror: int):
+    """A velocity's component, reflected if mirror is not 0."""
     return wp.where(mirror != 0, -component, component)
 
 
@@ -158,6 +158,6 @@ def extend(
             u = imposed[at[0], at[1], at[2]]
         if (kind[k, j, i] & IMAGE) != 0:
             flip = kind[k, j, i]
-            u = wp.vec3(turned(u[0], flip & 1), turned(u[1], flip & 2), turned(u[2], flip & 4))
+            u = wp.vec3(mirrored(u[0], flip & 1), mirrored(u[1], flip & 2), mirrored(u[2], flip & 4))
         density[k, j, i] = density[z, y, x]
         velocity[k, j, i] = u

@@ -1,4 +1,4 @@
-"""Velocity sets as data (Krueger et al. 2017, Tables 3.4 and 3.6), in lattice units: cells and steps.
+"""Discrete velocity sets (lattices) as data (Krueger et al. 2017, Tables 3.4, 3.6), in lattice units: cells and steps.
 
 Velocities stand in opposite pairs behind the rest velocity, and D3Q27 begins like D3Q19. The kernels compile
 these very tables in, the oracles read them.
@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 LatticeName = Literal["D3Q19", "D3Q27"]
+CollisionModel = Literal["bgk", "regularised", "third_order"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +27,9 @@ class Lattice:
     """Index of -c_q, [q]: where a wall sends population q back to."""
 
     def mirrored(self, axes: Sequence[bool]) -> np.ndarray:
-        """Index of c_q with the components of the chosen axes (x, y, z) turned round, [q]."""
-        turned = self.velocities * np.where(axes, -1, 1)
-        return np.array([np.flatnonzero((self.velocities == c).all(axis=1))[0] for c in turned])
+        """Index of c_q with the components of the chosen axes (x, y, z) reflected, [q]."""
+        reflected = self.velocities * np.where(axes, -1, 1)
+        return np.array([np.flatnonzero((self.velocities == c).all(axis=1))[0] for c in reflected])
 
 
 _REST, _FACES = [(0, 0, 0)], [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
@@ -53,7 +54,7 @@ FLUID, SOLID, OPEN, INLET = 0, 1, 2, 3
 density 1. INLET has its velocity imposed."""
 
 IMAGE = 8
-"""A cell of the shell that stands for another: for its mirror in slip sides (IMAGE + 1, + 2, + 4 for x, y, z), for the
+"""A ghost cell that stands for another: for its mirror in slip sides (IMAGE + 1, + 2, + 4 for x, y, z), for the
 one on the other side where sides are periodic (+ 16, + 32, + 64). The other one may be of the shell too, where these
 sides meet walls, open sides or inlets."""
 

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sixway.sim.flow import collision_oracle
-from sixway.sim.flow.collision import Model
-from sixway.sim.flow.generated.edges import OPEN_RELAXATION
-from sixway.sim.flow.lattice import FLUID, IMAGE, INLET, OPEN, SOLID, Lattice
+from sixway.sim.flow.lattice import FLUID, IMAGE, INLET, OPEN, SOLID, CollisionModel, Lattice
+
+PRESSURE_DRAWN = 0.01
+"""Part of its difference from 1 that the density beyond an OPEN side loses against the cell before it."""
 
 Populations = Float[np.ndarray, "q z y x"]
 Kind = Int[np.ndarray, "z y x"]
@@ -19,7 +20,7 @@ Density = Float[np.ndarray, "z y x"]
 
 def step(
     lattice: Lattice,
-    model: Model,
+    model: CollisionModel,
     kind: Kind,
     imposed: Velocity,
     force: Float[np.ndarray, "3 z y x"],
@@ -49,7 +50,7 @@ def stream(lattice: Lattice, g: Populations) -> Populations:
 
 
 def send(lattice: Lattice, kind: Kind, imposed: Velocity, g: Populations) -> Populations:
-    """g with what SOLID, INLET, OPEN and IMAGE cells send (`edges.send` says what)."""
+    """g with what SOLID, INLET, OPEN and IMAGE cells send (`generated.edges.send` says what)."""
     at, mirrored = images(kind)
     what, wall = kind[at], np.where(mirrored, -1.0, 1.0) * imposed[at]
     shift, outwards = leaving(lattice, kind, g)
@@ -74,7 +75,7 @@ def leaving(lattice: Lattice, kind: Kind, g: Populations) -> tuple[Density, Velo
     density, momentum = moments(lattice, g)
     air = kind == FLUID
     u = np.where(air[..., None], momentum / density[..., None], 0.0)[inner]
-    shift = (1.0 - OPEN_RELAXATION) * np.where(air, density - 1.0, 0.0)[inner]
+    shift = (1.0 - PRESSURE_DRAWN) * np.where(air, density - 1.0, 0.0)[inner]
     inwards = np.zeros(kind.shape, dtype=bool)
     for axis, (index, n) in enumerate(zip(np.indices(kind.shape), kind.shape, strict=True)):
         component = u[..., 2 - axis]

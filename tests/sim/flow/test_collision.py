@@ -43,7 +43,7 @@ def collision_kernel(name: str, model: str) -> wp.Kernel:
         g: wp.array2d[wp.float32],
         acceleration: wp.array2d[wp.float32],
         tau: float,
-        cs: float,
+        smagorinsky: float,
         after: wp.array2d[wp.float32],
         macroscopic: wp.array2d[wp.float32],
         n: int,
@@ -54,21 +54,21 @@ def collision_kernel(name: str, model: str) -> wp.Kernel:
         g: wp.array2d[wp.float32],
         acceleration: wp.array2d[wp.float32],
         tau: float,
-        cs: float,
+        smagorinsky: float,
         after: wp.array2d[wp.float32],
         macroscopic: wp.array2d[wp.float32],
     ):
-        collide_cell(g, acceleration, tau, cs, after, macroscopic, wp.tid())
+        collide_cell(g, acceleration, tau, smagorinsky, after, macroscopic, wp.tid())
 
     return collide
 
 
-def collide(name, model, g, acceleration, *, tau, cs, device="cpu"):
+def collide(name, model, g, acceleration, *, tau, smagorinsky, device="cpu"):
     """The C++ on populations [q, cell] and acceleration [3, cell]: populations, density, velocity."""
     source = [wp.array(np.ascontiguousarray(a.T), dtype=wp.float32, device=device) for a in (g, acceleration)]
     after, macroscopic = wp.zeros_like(source[0]), wp.zeros((g.shape[1], 4), dtype=wp.float32, device=device)
     kernel = collision_kernel(name, model)
-    wp.launch(kernel, dim=g.shape[1], inputs=[*source, tau, cs], outputs=[after, macroscopic], device=device)
+    wp.launch(kernel, dim=g.shape[1], inputs=[*source, tau, smagorinsky], outputs=[after, macroscopic], device=device)
     found = macroscopic.numpy().astype(np.float64).T
     return after.numpy().astype(np.float64).T, found[0], found[1:]
 
@@ -84,13 +84,13 @@ def disturbed(lattice: Lattice, rng: np.random.Generator, cells: int = 64) -> tu
 
 
 @every_model
-@pytest.mark.parametrize(("tau", "cs"), [(0.5, 0.0), (0.5, 0.1), (0.8, 0.0), (1.7, 0.17)])
-def test_text_equals_the_oracle(name, model, tau, cs, device, rng) -> None:
+@pytest.mark.parametrize(("tau", "smagorinsky"), [(0.5, 0.0), (0.5, 0.1), (0.8, 0.0), (1.7, 0.17)])
+def test_text_equals_the_oracle(name, model, tau, smagorinsky, device, rng) -> None:
     lattice = lattice_named(name)
     g, acceleration = disturbed(lattice, rng)
-    expected = oracle.collide(lattice, model, g, acceleration, tau=tau, smagorinsky=cs)
+    expected = oracle.collide(lattice, model, g, acceleration, tau=tau, smagorinsky=smagorinsky)
     for found, wanted in zip(
-        collide(name, model, g, acceleration, tau=tau, cs=cs, device=device), expected, strict=True
+        collide(name, model, g, acceleration, tau=tau, smagorinsky=smagorinsky, device=device), expected, strict=True
     ):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-6)
 
@@ -104,7 +104,7 @@ def test_collision_keeps_mass_and_adds_the_force_to_momentum(name, model, rng) -
     np.testing.assert_allclose(after.sum(axis=0), g.sum(axis=0), atol=1e-14)
     np.testing.assert_allclose(lattice.velocities.T @ after, momentum + density * acceleration, atol=1e-14)
     np.testing.assert_allclose(density * u, momentum + 0.5 * density * acceleration, atol=1e-14)
-    single = collide(name, model, g, acceleration, tau=0.51, cs=0.1)[0]
+    single = collide(name, model, g, acceleration, tau=0.51, smagorinsky=0.1)[0]
     np.testing.assert_allclose(single.sum(axis=0), g.sum(axis=0), atol=3e-7)
     np.testing.assert_allclose(lattice.velocities.T @ single, momentum + density * acceleration, atol=3e-7)
 
@@ -143,8 +143,8 @@ def test_collision_commutes_with_the_cubes_symmetries(name, model, order, signs,
         return result
 
     turned_acceleration = acceleration[list(order)] * np.array(signs)[:, None]
-    plain = collide(name, model, g, acceleration, tau=0.52, cs=0.1)[0]
-    turned = collide(name, model, turn(g), turned_acceleration, tau=0.52, cs=0.1)[0]
+    plain = collide(name, model, g, acceleration, tau=0.52, smagorinsky=0.1)[0]
+    turned = collide(name, model, turn(g), turned_acceleration, tau=0.52, smagorinsky=0.1)[0]
     np.testing.assert_allclose(turned, turn(plain), atol=2e-7)
 
 
@@ -167,17 +167,17 @@ def test_shear_relaxes_by_the_eddy_viscosity(name, model, rng) -> None:
     """tau_eff solves tau_eff = tau + 3 nu_t, nu_t = (Cs)^2 |S|, S = 3 stress / (2 rho tau_eff)."""
     lattice = lattice_named(name)
     g, still = disturbed(lattice, rng)[0], np.zeros((3, 64))
-    tau, cs = 0.505, 0.12
+    tau, smagorinsky = 0.505, 0.12
     w = lattice.weights[:, None]
     density, _, stress = oracle.moments(lattice, g + w, still)
-    after = oracle.moments(lattice, collide(name, model, g, still, tau=tau, cs=cs)[0] + w, still)[2]
+    after = oracle.moments(lattice, collide(name, model, g, still, tau=tau, smagorinsky=smagorinsky)[0] + w, still)[2]
     keep = after[0, 1] / stress[0, 1]
     tau_eff = 1.0 / (1.0 - keep)
     norm = np.sqrt((stress**2).sum(axis=(0, 1)))
     strain = np.sqrt(2.0) * 1.5 * norm / (density * tau_eff)  # |S| = sqrt(2 S:S)
     clear = np.abs(stress[0, 1]) > 1e-3
     assert clear.sum() > 20
-    np.testing.assert_allclose(tau_eff[clear], (tau + 3.0 * cs**2 * strain)[clear], rtol=1e-3)
+    np.testing.assert_allclose(tau_eff[clear], (tau + 3.0 * smagorinsky**2 * strain)[clear], rtol=1e-3)
 
 
 def test_third_order_needs_27_velocities() -> None:

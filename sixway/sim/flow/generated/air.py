@@ -1,10 +1,9 @@
-"""Generated C++ kernels over rows of air: the step, its density and velocity, its start.
+"""Generated C++ kernels over rows of fluid: collision and streaming, density and velocity, start, sources of gas.
 
 Warp's own loops over arrays are not vectorised on a CPU; a native snippet over a row of cells is. On CUDA a row is
-one cell. Arrays are [z, y, x] with a shell of one cell; a cell's number is n = (k ny + j) nx + i. Populations are
-shifted by their weights, g = f - w, and lie in planes of `stride` floats, one plane a population
-(`pieces` says where). Cells that are no air do not collide; before each step `edges.send` writes what they send. The
-step itself then knows neither walls nor sides, and no kernel writes where another thread reads.
+one cell. Populations are shifted by their weights, g = f - w, and lie in planes, one a population
+(`pieces` says where). Cells that are no fluid do not collide; before each step `edges.send` writes what they
+send. The step itself then knows neither walls nor sides, and no kernel writes where another thread reads.
 
 `first`: the first slice of a thread's band (`sixway.bands`). `count`: cells a thread takes.
 """
@@ -16,11 +15,11 @@ import warp as wp
 from sixway.sim.flow import collision
 from sixway.sim.flow.generated import pieces
 from sixway.sim.flow.generated.pieces import Streaming
-from sixway.sim.flow.lattice import FLUID, LatticeName, lattice_named
+from sixway.sim.flow.lattice import FLUID, CollisionModel, LatticeName, lattice_named
 
 
 @cache
-def collide_and_stream(name: LatticeName, model: collision.Model, streaming: Streaming) -> wp.Kernel:
+def collide_and_stream(name: LatticeName, model: CollisionModel, streaming: Streaming) -> wp.Kernel:
     """One step of all cells: pull, collide, send. Cells that are no FLUID send 0, which keeps NaN out of unread places.
 
     In place, `before` and `after` are one array.
@@ -29,14 +28,13 @@ def collide_and_stream(name: LatticeName, model: collision.Model, streaming: Str
     pull = "\n".join(f"float f{q} = read{q}[n];" for q in range(len(lattice.weights)))
     send = "\n".join(f"write{q}[n] = air ? f{q} : 0.0f;" for q in range(len(lattice.weights)))
     snippet = f"""
+        {pieces.inner_cell("kind")}
         {pieces.read_pointers(lattice, streaming)}
         {pieces.write_pointers(lattice, streaming)}
-        const float* force_x = force.data;
-        const float* force_y = force_x + cells;
-        const float* force_z = force_y + cells;
+        {pieces.FORCE}
         const int* kinds = kind.data;
         {pieces.VECTORISE}
-        for (int n = row; n < row + count; ++n) {{
+        for (int n = cell; n < cell + count; ++n) {{
             {pull}
             const float ax = force_x[n], ay = force_y[n], az = force_z[n];
             {collision.text(lattice, model)}
@@ -49,17 +47,15 @@ def collide_and_stream(name: LatticeName, model: collision.Model, streaming: Str
     def step_row(
         kind: wp.array3d[wp.int32],
         force: wp.array4d[wp.float32],
-        grid: wp.array[wp.float32],
-        after: wp.array[wp.float32],
-        nx: int,
-        ny: int,
-        cells: int,
-        stride: int,
+        grid: wp.array2d[wp.float32],
+        after: wp.array2d[wp.float32],
         parity: int,
         tau: float,
-        cs: float,
-        row: int,
+        smagorinsky: float,
         count: int,
+        k: int,
+        j: int,
+        i: int,
     ): ...
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -67,20 +63,15 @@ def collide_and_stream(name: LatticeName, model: collision.Model, streaming: Str
         first: int,
         kind: wp.array3d[wp.int32],
         force: wp.array4d[wp.float32],
-        before: wp.array[wp.float32],
-        after: wp.array[wp.float32],
-        stride: int,
+        before: wp.array2d[wp.float32],
+        after: wp.array2d[wp.float32],
         parity: int,
         tau: float,
-        cs: float,
+        smagorinsky: float,
         count: int,
     ):
         k, j, i = wp.tid()
-        nx = kind.shape[2]
-        ny = kind.shape[1]
-        cells = kind.shape[0] * ny * nx
-        row = ((k + first + 1) * ny + j + 1) * nx + i + 1
-        step_row(kind, force, before, after, nx, ny, cells, stride, parity, tau, cs, row, count)
+        step_row(kind, force, before, after, parity, tau, smagorinsky, count, k + first, j, i)
 
     return step
 
@@ -94,17 +85,16 @@ def measure(name: LatticeName, streaming: Streaming) -> wp.Kernel:
     """
     lattice = lattice_named(name)
     snippet = f"""
+        {pieces.inner_cell("kind")}
         {pieces.read_pointers(lattice, streaming)}
         {pieces.out_pointers(lattice)}
-        const float* force_x = force.data;
-        const float* force_y = force_x + cells;
-        const float* force_z = force_y + cells;
+        {pieces.FORCE}
         const float* fixed = reinterpret_cast<const float*>(imposed.data);
         float* wind = reinterpret_cast<float*>(velocity.data);
         const int* kinds = kind.data;
         float* mass = densities.data;
         {pieces.VECTORISE}
-        for (int n = row; n < row + count; ++n) {{
+        for (int n = cell; n < cell + count; ++n) {{
             {pieces.moments_of(lattice, "n", array=False)}
             const bool air = kinds[n] == {FLUID};
             const float volume = 1.0f / density;
@@ -121,16 +111,14 @@ def measure(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         kind: wp.array3d[wp.int32],
         imposed: wp.array3d[wp.vec3],
         force: wp.array4d[wp.float32],
-        grid: wp.array[wp.float32],
+        grid: wp.array2d[wp.float32],
         densities: wp.array3d[wp.float32],
         velocity: wp.array3d[wp.vec3],
-        nx: int,
-        ny: int,
-        cells: int,
-        stride: int,
         parity: int,
-        row: int,
         count: int,
+        k: int,
+        j: int,
+        i: int,
     ): ...
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -139,19 +127,14 @@ def measure(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         kind: wp.array3d[wp.int32],
         imposed: wp.array3d[wp.vec3],
         force: wp.array4d[wp.float32],
-        grid: wp.array[wp.float32],
-        stride: int,
+        grid: wp.array2d[wp.float32],
         parity: int,
         count: int,
         density: wp.array3d[wp.float32],
         velocity: wp.array3d[wp.vec3],
     ):
         k, j, i = wp.tid()
-        nx = kind.shape[2]
-        ny = kind.shape[1]
-        cells = kind.shape[0] * ny * nx
-        row = ((k + first + 1) * ny + j + 1) * nx + i + 1
-        measure_row(kind, imposed, force, grid, density, velocity, nx, ny, cells, stride, parity, row, count)
+        measure_row(kind, imposed, force, grid, density, velocity, parity, count, k + first, j, i)
 
     return measure
 
@@ -161,6 +144,8 @@ def fill(name: LatticeName, streaming: Streaming) -> wp.Kernel:
     """Make cells send the equilibrium of a density and a velocity, where `chosen`."""
     lattice = lattice_named(name)
     snippet = f"""
+        {pieces.inner_cell("chosen")}
+        const int n = cell;
         if (!chosen.data[n]) return;
         {pieces.out_table(lattice, streaming)}
         {pieces.equilibrium_table(lattice)}
@@ -174,12 +159,11 @@ def fill(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         chosen: wp.array3d[wp.int32],
         density: wp.array3d[wp.float32],
         velocity: wp.array3d[wp.vec3],
-        grid: wp.array[wp.float32],
-        nx: int,
-        ny: int,
-        stride: int,
+        grid: wp.array2d[wp.float32],
         parity: int,
-        n: int,
+        k: int,
+        j: int,
+        i: int,
     ): ...
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -188,15 +172,11 @@ def fill(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         chosen: wp.array3d[wp.int32],
         density: wp.array3d[wp.float32],
         velocity: wp.array3d[wp.vec3],
-        grid: wp.array[wp.float32],
-        stride: int,
+        grid: wp.array2d[wp.float32],
         parity: int,
     ):
         k, j, i = wp.tid()
-        nx = chosen.shape[2]
-        ny = chosen.shape[1]
-        n = ((k + first + 1) * ny + j + 1) * nx + i + 1
-        fill_cell(chosen, density, velocity, grid, nx, ny, stride, parity, n)
+        fill_cell(chosen, density, velocity, grid, parity, k + first, j, i)
 
     return fill
 
@@ -209,6 +189,8 @@ def grow(name: LatticeName, streaming: Streaming) -> wp.Kernel:
     """
     lattice = lattice_named(name)
     snippet = f"""
+        {pieces.inner_cell("kind")}
+        const int n = cell;
         const float s = growth.data[n];
         if (kind.data[n] != {FLUID} || s == 0.0f) return;
         {pieces.out_table(lattice, streaming)}
@@ -225,12 +207,11 @@ def grow(name: LatticeName, streaming: Streaming) -> wp.Kernel:
     def grow_cell(
         kind: wp.array3d[wp.int32],
         growth: wp.array3d[wp.float32],
-        grid: wp.array[wp.float32],
-        nx: int,
-        ny: int,
-        stride: int,
+        grid: wp.array2d[wp.float32],
         parity: int,
-        n: int,
+        k: int,
+        j: int,
+        i: int,
     ): ...
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -238,14 +219,10 @@ def grow(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         first: int,
         kind: wp.array3d[wp.int32],
         growth: wp.array3d[wp.float32],
-        grid: wp.array[wp.float32],
-        stride: int,
+        grid: wp.array2d[wp.float32],
         parity: int,
     ):
         k, j, i = wp.tid()
-        nx = kind.shape[2]
-        ny = kind.shape[1]
-        n = ((k + first + 1) * ny + j + 1) * nx + i + 1
-        grow_cell(kind, growth, grid, nx, ny, stride, parity, n)
+        grow_cell(kind, growth, grid, parity, k + first, j, i)
 
     return grow

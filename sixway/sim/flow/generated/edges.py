@@ -1,7 +1,7 @@
-"""Generated C++ kernels of what is no air: walls, obstacles, inlets, open sides and what mirrors do.
+"""Generated C++ kernels of what is no fluid: bounce-back walls and obstacles, inlets, open, slip and periodic sides.
 
-Layouts as in `sixway.sim.flow.generated.air`. `links` has a bit for each c_q along which a cell that is no air has a
-neighbour that is: what it sends there is all that the air knows of it.
+Layouts as in `sixway.sim.flow.generated.air`. `links` has a bit for each boundary link, c_q along which a cell that is
+no fluid has a neighbour that is: what it sends there is all that the air knows of it.
 """
 
 from functools import cache
@@ -32,6 +32,7 @@ def find_links(name: LatticeName) -> wp.Kernel:
         if q
     )
     snippet = f"""
+        {pieces.size_of("kind")}
         const int n = (k * ny + j) * nx + i;
         int found = 0;
         if (kind.data[n] != {FLUID}) {{ {tests} }}
@@ -42,9 +43,6 @@ def find_links(name: LatticeName) -> wp.Kernel:
     def find(
         kind: wp.array3d[wp.int32],
         links: wp.array3d[wp.int32],
-        nx: int,
-        ny: int,
-        nz: int,
         k: int,
         j: int,
         i: int,
@@ -53,7 +51,7 @@ def find_links(name: LatticeName) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def find_links(first: int, kind: wp.array3d[wp.int32], links: wp.array3d[wp.int32]):
         k, j, i = wp.tid()
-        find(kind, links, kind.shape[2], kind.shape[1], kind.shape[0], k + first, j, i)
+        find(kind, links, k + first, j, i)
 
     return find_links
 
@@ -73,12 +71,13 @@ def send(name: LatticeName, streaming: Streaming) -> wp.Kernel:
     lattice = lattice_named(name)
     snippet = f"""
         {pieces.KINDS}
+        {pieces.size_of("kind")}
         {pieces.out_table(lattice, streaming)}
         {pieces.equilibrium_table(lattice)}
-        {pieces.turned_table(lattice)}
+        {pieces.mirror_table(lattice)}
         {pieces.LOWEST_BIT}
         for (int i = column; i < column + count; ++i) {{
-            const int n = row + i;
+            const int n = (k * ny + j) * nx + i;
             const int along = links.data[n];
             if (!along) continue;
             int what = kind.data[n];
@@ -104,7 +103,7 @@ def send(name: LatticeName, streaming: Streaming) -> wp.Kernel:
             for (unsigned left = along; left; left &= left - 1) {{
                 const int q = lowest_bit(left), x = n + offset[q];
                 if (what == SOLID && !moving) out[q][n] = out[opposite[q]][x];
-                else if (what == FLUID) out[q][n] = out[turned[flip][q]][at];
+                else if (what == FLUID) out[q][n] = out[mirrored[flip][q]][at];
                 else if (what == SOLID) {{
                     {pieces.moments_of(lattice, "x")}
                     const float along_wall = cx[q] * ux + cy[q] * uy + cz[q] * uz;
@@ -122,17 +121,12 @@ def send(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         kind: wp.array3d[wp.int32],
         links: wp.array3d[wp.int32],
         imposed: wp.array3d[wp.vec3],
-        grid: wp.array[wp.float32],
-        nx: int,
-        ny: int,
-        nz: int,
-        stride: int,
+        grid: wp.array2d[wp.float32],
         parity: int,
-        row: int,
-        column: int,
         count: int,
-        j: int,
         k: int,
+        j: int,
+        column: int,
     ): ...
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -141,17 +135,12 @@ def send(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         kind: wp.array3d[wp.int32],
         links: wp.array3d[wp.int32],
         imposed: wp.array3d[wp.vec3],
-        grid: wp.array[wp.float32],
-        stride: int,
+        grid: wp.array2d[wp.float32],
         parity: int,
         count: int,
     ):
-        k_band, j, i = wp.tid()
-        k = k_band + first
-        nx = kind.shape[2]
-        ny = kind.shape[1]
-        row = (k * ny + j) * nx
-        send_row(kind, links, imposed, grid, nx, ny, kind.shape[0], stride, parity, row, i, count, j, k)
+        k, j, column = wp.tid()
+        send_row(kind, links, imposed, grid, parity, count, k + first, j, column)
 
     return send
 
@@ -165,9 +154,10 @@ def exchange(name: LatticeName, streaming: Streaming) -> wp.Kernel:
     """
     lattice = lattice_named(name)
     snippet = f"""
+        {pieces.size_of("kind")}
         {pieces.out_table(lattice, streaming)}
         {pieces.equilibrium_table(lattice)}
-        {pieces.turned_table(lattice)}
+        {pieces.mirror_table(lattice)}
         {pieces.LOWEST_BIT}
         float sum_x = 0.0f, sum_y = 0.0f, sum_z = 0.0f;
         for (int i = 0; i < nx; ++i) {{
@@ -178,18 +168,18 @@ def exchange(name: LatticeName, streaming: Streaming) -> wp.Kernel:
             const bool side = at_i == 0 || at_i == nx - 1 || at_j == 0 || at_j == ny - 1 || at_k == 0 || at_k == nz - 1;
             if (side) continue;
             if (kind.data[at] != {SOLID}) continue;
-            const float turn_x = flip & 1 ? -1.0f : 1.0f, turn_y = flip & 2 ? -1.0f : 1.0f;
-            const float turn_z = flip & 4 ? -1.0f : 1.0f;
-            const float ux = turn_x * imposed.data[at][0], uy = turn_y * imposed.data[at][1];
-            const float uz = turn_z * imposed.data[at][2];
+            const float sign_x = flip & 1 ? -1.0f : 1.0f, sign_y = flip & 2 ? -1.0f : 1.0f;
+            const float sign_z = flip & 4 ? -1.0f : 1.0f;
+            const float ux = sign_x * imposed.data[at][0], uy = sign_y * imposed.data[at][1];
+            const float uz = sign_z * imposed.data[at][2];
             for (unsigned left = links.data[n]; left; left &= left - 1) {{
                 const int q = lowest_bit(left), x = n + offset[q];
                 {pieces.moments_of(lattice, "x")}
                 const float push = 6.0f * weight[q] * density * (cx[q] * ux + cy[q] * uy + cz[q] * uz);
                 const float both = 2.0f * out[opposite[q]][x] + push;
-                sum_x += turn_x * (push * ux - both * cx[q]);
-                sum_y += turn_y * (push * uy - both * cy[q]);
-                sum_z += turn_z * (push * uz - both * cz[q]);
+                sum_x += sign_x * (push * ux - both * cx[q]);
+                sum_y += sign_y * (push * uy - both * cy[q]);
+                sum_z += sign_z * (push * uz - both * cz[q]);
             }}
         }}
         rows.data[k * ny + j] = wp::vec_t<3, wp::float32>(sum_x, sum_y, sum_z);
@@ -200,12 +190,8 @@ def exchange(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         kind: wp.array3d[wp.int32],
         links: wp.array3d[wp.int32],
         imposed: wp.array3d[wp.vec3],
-        grid: wp.array[wp.float32],
+        grid: wp.array2d[wp.float32],
         rows: wp.array2d[wp.vec3],
-        nx: int,
-        ny: int,
-        nz: int,
-        stride: int,
         parity: int,
         k: int,
         j: int,
@@ -217,14 +203,11 @@ def exchange(name: LatticeName, streaming: Streaming) -> wp.Kernel:
         kind: wp.array3d[wp.int32],
         links: wp.array3d[wp.int32],
         imposed: wp.array3d[wp.vec3],
-        grid: wp.array[wp.float32],
-        stride: int,
+        grid: wp.array2d[wp.float32],
         parity: int,
         rows: wp.array2d[wp.vec3],
     ):
         k, j = wp.tid()
-        nx = kind.shape[2]
-        ny = kind.shape[1]
-        exchange_row(kind, links, imposed, grid, rows, nx, ny, kind.shape[0], stride, parity, k + first, j)
+        exchange_row(kind, links, imposed, grid, rows, parity, k + first, j)
 
     return exchange

@@ -1,4 +1,4 @@
-"""Pieces of C++ that the kernels of `sixway.sim.flow.generated.air` are put together from.
+"""Pieces of C++ that the kernels of `air` and `edges` are put together from: streaming, moments, equilibrium, mirrors.
 
 Everything is said in terms of `out[q][n]`, the place of what cell n sends along c_q, which the coming step of cell
 n + c_q reads. Where that place is, is the streaming's affair (Krueger et al. 2017, Sec. 13.3; Lehmann 2022):
@@ -7,8 +7,9 @@ two_grids: pull from one grid, write the other.
 in_place: esoteric pull. Of a pair c, -c a cell reads one at home and one at its neighbour along c, and writes what it
 sends back into these two places, crosswise. Half the memory, and no place is shared by two cells.
 
-The pieces expect the names `grid`, `after`, `stride`, `parity` (of the steps so far), `nx`, `ny`, `nz` and, of a
-single cell, `i`, `j`, `k`, to be arguments of the snippet.
+Arrays are [z, y, x] with a shell of one ghost cell; a cell's number is n = (k ny + j) nx + i. The pieces expect the
+names `grid`, `after` [population, place], `parity` (of the steps so far) and a cell's `i`, `j`, `k` to be arguments of
+the snippet, and `nx`, `ny`, `nz` to be known by `size_of`.
 """
 
 from typing import Literal
@@ -22,6 +23,10 @@ VECTORISE = """
     #ifdef __clang__
     #pragma clang loop vectorize(assume_safety)
     #endif"""
+FORCE = """
+        const float* force_x = force.data;
+        const float* force_y = force_x + nx * ny * nz;
+        const float* force_z = force_y + nx * ny * nz;"""
 LOWEST_BIT = """
     #ifdef __CUDA_ARCH__
     auto lowest_bit = [](unsigned bits) { return __ffs(bits) - 1; };
@@ -29,6 +34,16 @@ LOWEST_BIT = """
     auto lowest_bit = [](unsigned bits) { return __builtin_ctz(bits); };
     #endif
 """
+
+
+def size_of(array: str) -> str:
+    """`nx`, `ny`, `nz`: of an array [z, y, x], ghost cells included."""
+    return f"const int nz = {array}.shape[0], ny = {array}.shape[1], nx = {array}.shape[2];"
+
+
+def inner_cell(array: str) -> str:
+    """`cell`: number of the cell (i, j, k) of the box, which counts without the ghost cells; `size_of` besides."""
+    return f"{size_of(array)} const int cell = ((k + 1) * ny + j + 1) * nx + i + 1;"
 
 
 def offset_of(velocity: tuple[int, int, int]) -> str:
@@ -40,7 +55,7 @@ def offset_of(velocity: tuple[int, int, int]) -> str:
 def read_pointers(lattice: Lattice, streaming: Streaming) -> str:
     """`read{q}[n]`: where the coming step reads population q of cell n."""
     c = [tuple(v) for v in lattice.velocities.tolist()]
-    lines = ["const long long plane = stride;", "float* const read0 = grid.data;"]
+    lines = ["const long long plane = grid.shape[1];", "float* const read0 = grid.data;"]
     for q in range(1, len(c)):
         match streaming:
             case "two_grids":
@@ -105,8 +120,8 @@ def equilibrium_table(lattice: Lattice) -> str:
     )
 
 
-def turned_table(lattice: Lattice) -> str:
-    """Tables of the populations that walls and mirrors send back, and of the offsets of neighbours."""
+def mirror_table(lattice: Lattice) -> str:
+    """Tables of the populations that bounce-back and mirrors (x: 1, y: 2, z: 4) send back; offsets of neighbours."""
     rows = []
     for flip in range(8):
         mirrored = lattice.mirrored((bool(flip & 1), bool(flip & 2), bool(flip & 4)))
@@ -114,7 +129,7 @@ def turned_table(lattice: Lattice) -> str:
     offsets = ", ".join(offset_of(tuple(c)) for c in lattice.velocities.tolist())
     return f"""
         const unsigned char opposite[] = {{{", ".join(map(str, lattice.opposite))}}};
-        const unsigned char turned[8][{len(lattice.weights)}] = {{{", ".join(rows)}}};
+        const unsigned char mirrored[8][{len(lattice.weights)}] = {{{", ".join(rows)}}};
         const int offset[] = {{{offsets}}};
     """
 

@@ -1,7 +1,7 @@
 # mypy: ignore-errors
-"""Warp kernels of the moment-encoded lattice: the cells that are no air, and what is read from it.
+"""Warp kernels of the moment-encoded lattice: ghost cells and others that are no fluid, and what is read from it.
 
-`cells`: [10 * stride], planes in the order of `sixway.sim.moments_native.MOMENTS`. `first`: the first row.
+`cells`: [10, place], planes in the order of `generated.MOMENTS`. `first`: the first row.
 """
 
 import warp as wp
@@ -23,13 +23,13 @@ def sign(mirror: bool):
 
 
 @wp.func
-def write(n: int, stride: int, shift: float, v: wp.vec3, cells: wp.array[wp.float32]):
+def write(n: int, shift: float, v: wp.vec3, cells: wp.array2d[wp.float32]):
     """Density 1 + shift, velocity v, no stress."""
-    cells[n] = shift
+    cells[0, n] = shift
     for a in range(3):
-        cells[(1 + a) * stride + n] = v[a]
+        cells[1 + a, n] = v[a]
     for p in range(4, 10):
-        cells[p * stride + n] = 0.0
+        cells[p, n] = 0.0
 
 
 @wp.kernel
@@ -42,7 +42,7 @@ def find_walls(first: int, kind: wp.array3d[wp.int32], walls: wp.array3d[wp.int3
 
 
 @wp.func
-def air_around(at: wp.vec3i, kind: wp.array3d[wp.int32], cells: wp.array[wp.float32]):
+def air_around(at: wp.vec3i, kind: wp.array3d[wp.int32], cells: wp.array2d[wp.float32]):
     """Mean density - 1 of the air among the six neighbours of a cell, which receives what an INLET cell sends."""
     total = float(0.0)
     count = float(0.0)
@@ -52,7 +52,7 @@ def air_around(at: wp.vec3i, kind: wp.array3d[wp.int32], cells: wp.array[wp.floa
             b[axis] = b[axis] + 2 * side - 1
             if b[axis] >= 0 and b[axis] < kind.shape[axis]:
                 if kind[b[0], b[1], b[2]] == FLUID:
-                    total += cells[number(b[0], b[1], b[2], kind)]
+                    total += cells[0, number(b[0], b[1], b[2], kind)]
                     count += 1.0
     return total / wp.max(count, 1.0)
 
@@ -62,9 +62,8 @@ def stand_for(
     first: int,
     kind: wp.array3d[wp.int32],
     imposed: wp.array3d[wp.vec3],
-    stride: int,
     drawn: float,
-    cells: wp.array[wp.float32],
+    cells: wp.array2d[wp.float32],
 ):
     """Moments of what is no air, from air alone, as `flow.generated.edges.send` says; walls have their velocity.
 
@@ -86,24 +85,24 @@ def stand_for(
     y = inner(at[1], kind.shape[1])
     x = inner(at[2], kind.shape[2])
     m = number(z, y, x, kind)
-    v = wp.vec3(cells[stride + m], cells[2 * stride + m], cells[3 * stride + m])
+    v = wp.vec3(cells[1, m], cells[2, m], cells[3, m])
     if what == OPEN:
         inwards = float(x - at[2]) * v[0] > 0.0 or float(y - at[1]) * v[1] > 0.0 or float(z - at[0]) * v[2] > 0.0
         if inwards or kind[z, y, x] != FLUID:
-            write(n, stride, 0.0, wp.vec3(0.0, 0.0, 0.0), cells)
+            write(n, 0.0, wp.vec3(0.0, 0.0, 0.0), cells)
         else:
-            write(n, stride, (1.0 - drawn) * cells[m], wp.vec3(sx * v[0], sy * v[1], sz * v[2]), cells)
+            write(n, (1.0 - drawn) * cells[0, m], wp.vec3(sx * v[0], sy * v[1], sz * v[2]), cells)
         return
     if what != FLUID:
         u = imposed[at[0], at[1], at[2]]
-        write(n, stride, air_around(at, kind, cells), wp.vec3(sx * u[0], sy * u[1], sz * u[2]), cells)
+        write(n, air_around(at, kind, cells), wp.vec3(sx * u[0], sy * u[1], sz * u[2]), cells)
         return
-    write(n, stride, cells[m], wp.vec3(sx * v[0], sy * v[1], sz * v[2]), cells)
+    write(n, cells[0, m], wp.vec3(sx * v[0], sy * v[1], sz * v[2]), cells)
     for p in range(4, 7):
-        cells[p * stride + n] = cells[p * stride + m]
-    cells[7 * stride + n] = sx * sy * cells[7 * stride + m]
-    cells[8 * stride + n] = sx * sz * cells[8 * stride + m]
-    cells[9 * stride + n] = sy * sz * cells[9 * stride + m]
+        cells[p, n] = cells[p, m]
+    cells[7, n] = sx * sy * cells[7, m]
+    cells[8, n] = sx * sz * cells[8, m]
+    cells[9, n] = sy * sz * cells[9, m]
 
 
 @wp.kernel
@@ -112,15 +111,14 @@ def fill(
     chosen: wp.array3d[wp.int32],
     density: wp.array3d[wp.float32],
     velocity: wp.array3d[wp.vec3],
-    stride: int,
-    cells: wp.array[wp.float32],
+    cells: wp.array2d[wp.float32],
 ):
     """Equilibrium of a density and a velocity in chosen cells of the box."""
     k, j, i = wp.tid()
     k += first
     if chosen[k + 1, j + 1, i + 1] != 0:
         n = number(k + 1, j + 1, i + 1, chosen)
-        write(n, stride, density[k + 1, j + 1, i + 1] - 1.0, velocity[k + 1, j + 1, i + 1], cells)
+        write(n, density[k + 1, j + 1, i + 1] - 1.0, velocity[k + 1, j + 1, i + 1], cells)
 
 
 @wp.kernel
@@ -129,8 +127,7 @@ def measure(
     kind: wp.array3d[wp.int32],
     imposed: wp.array3d[wp.vec3],
     force: wp.array4d[wp.float32],
-    stride: int,
-    cells: wp.array[wp.float32],
+    cells: wp.array2d[wp.float32],
     density: wp.array3d[wp.float32],
     velocity: wp.array3d[wp.vec3],
 ):
@@ -143,5 +140,5 @@ def measure(
         return
     n = number(k, j, i, kind)
     a = wp.vec3(force[0, k, j, i], force[1, k, j, i], force[2, k, j, i])
-    density[k, j, i] = 1.0 + cells[n]
-    velocity[k, j, i] = wp.vec3(cells[stride + n], cells[2 * stride + n], cells[3 * stride + n]) - 0.5 * a
+    density[k, j, i] = 1.0 + cells[0, n]
+    velocity[k, j, i] = wp.vec3(cells[1, n], cells[2, n], cells[3, n]) - 0.5 * a

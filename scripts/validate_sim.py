@@ -15,8 +15,11 @@ import numpy as np
 import warp as wp
 from line_chart import Panel, Series, write_charts
 from measurement import Measurement, parser, write_section
-from sim_experiments_advection import Kept, rotation_table
-from sim_experiments_bodies import (
+
+from sixway.core.png import write_8bit_png
+from sixway.core.store import provenance
+from sixway.extras.moments import make_flow
+from sixway.sim.validation.bodies import (
     CYLINDER_WIDTH,
     SPHERE_BLOCKAGE,
     Wake,
@@ -24,7 +27,7 @@ from sim_experiments_bodies import (
     moving_sphere_balance,
     sphere_drag,
 )
-from sim_experiments_flow import (
+from sixway.sim.validation.flows import (
     GHIA_U,
     GHIA_V,
     GHIA_X,
@@ -40,10 +43,8 @@ from sim_experiments_flow import (
     poiseuille,
     taylor_green,
 )
-from sim_experiments_jets import Survival, jet_through_an_open_side, jet_without_viscosity, reflected_pulse
-
-from sixway.core.png import write_8bit_png
-from sixway.core.store import provenance
+from sixway.sim.validation.jets import Survival, jet_through_an_open_side, jet_without_viscosity, reflected_pulse
+from sixway.sim.validation.rotation import Kept, rotation_table
 
 SPHERE_DRAG, CYLINDER_STROUHAL = 1.09, 0.165
 LES = 0.1
@@ -110,7 +111,7 @@ def main() -> int:
     cavities: dict[str, Cavities] = {}
     wakes: dict[str, Wake] = {}
     blown: dict[str, Survival] = {}
-    variants = list(offered(device=chosen.device, threads=chosen.threads))
+    variants = list(offered(device=chosen.device, threads=chosen.threads, make_flow=make_flow))
     for variant in variants:
         small = replace(variant, threads=1)  # handing out bands costs more than it saves
         closed_forms(table, small)

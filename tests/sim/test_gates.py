@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim_experiments_advection import rotation_table
-from sim_experiments_bodies import cylinder_wake, moving_sphere_balance, sphere_drag
-from sim_experiments_flow import (
+
+from sixway.extras.moments import make_flow
+from sixway.sim.validation.bodies import cylinder_wake, moving_sphere_balance, sphere_drag
+from sixway.sim.validation.flows import (
     Variant,
     cavity,
     couette,
@@ -18,18 +19,26 @@ from sim_experiments_flow import (
     poiseuille,
     taylor_green,
 )
-from sim_experiments_jets import (
+from sixway.sim.validation.jets import (
     checkerboard,
     jet_through_an_open_side,
     jet_without_viscosity,
     reflected_pulse,
 )
+from sixway.sim.validation.rotation import rotation_table
 
 DEFAULT = Variant("D3Q19", "bgk")
 LIGHT = Variant("D3Q19", "regularised")
 CLEAN = Variant("D3Q27", "regularised")
 THIRD_ORDER = Variant("D3Q27", "third_order")
-VARIANTS = (DEFAULT, LIGHT, Variant("D3Q27", "bgk"), CLEAN, THIRD_ORDER, Variant("D3Q27", "third_order", moments=True))
+VARIANTS = (
+    DEFAULT,
+    LIGHT,
+    Variant("D3Q27", "bgk"),
+    CLEAN,
+    THIRD_ORDER,
+    Variant("D3Q27", "third_order", moments=True),
+)
 
 
 def name(variant: Variant) -> str:
@@ -38,7 +47,7 @@ def name(variant: Variant) -> str:
 
 @pytest.fixture(params=VARIANTS, ids=name)
 def variant(request: pytest.FixtureRequest, device: str) -> Variant:
-    return replace(request.param, device=device)
+    return replace(request.param, device=device, make_flow=make_flow)
 
 
 def on_all_cores(variant: Variant, device: str) -> Variant:
@@ -46,7 +55,8 @@ def on_all_cores(variant: Variant, device: str) -> Variant:
 
 
 def test_all_that_is_offered_stands_at_these_gates(device: str) -> None:
-    assert set(offered(device=device)) == {replace(variant, device=device) for variant in VARIANTS}
+    wanted = {replace(variant, device=device, make_flow=make_flow) for variant in VARIANTS}
+    assert set(offered(device=device, make_flow=make_flow)) == wanted
 
 
 def test_taylor_green(variant: Variant) -> None:

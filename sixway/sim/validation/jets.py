@@ -1,11 +1,11 @@
-"""Jets, at no viscosity and through open sides, and what open sides throw back: for `validate_sim.py` and the tests."""
+"""Jets, at no viscosity and through open sides, and what open sides reflect."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from sim_experiments_flow import Variant, air_of, put_inlets, put_solid, velocity_of
 
 from sixway.sim.flow.flow import INSIDE, Flow
+from sixway.sim.validation.flows import Variant, air_of, all_sides, put_inlets, put_solid, velocity_of
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ def jet_without_viscosity(
     Every cell of the inlet blows a little aside, by chance (5 % of its speed, seeded).
     """
     rng = np.random.default_rng(0)
-    walls = dict.fromkeys(("x_low", "x_high", "y_low", "z_low", "z_high"), "wall")
-    flow = variant.flow((cells,) * 3, viscosity=0.0, smagorinsky=smagorinsky, y_high="open", **walls)
+    sides = all_sides("wall") | {"y_high": "open"}
+    flow = variant.flow((cells,) * 3, viscosity=0.0, smagorinsky=smagorinsky, **sides)
     z, y, x = np.indices(flow.kind.shape) - 0.5 * (cells + 1)
     inlet = (np.hypot(x, z) < cells / 8) & (y < -0.5 * cells)
     wind = 0.05 * speed * rng.standard_normal((*inlet.shape, 3)) + (0.0, speed, 0.0)
@@ -43,7 +43,8 @@ def jet_without_viscosity(
         flow.step(steps // samples)
         u = velocity_of(flow)
         if not np.isfinite(u[air]).all():
-            return Survival(*[float("nan")] * 4, spin=np.full((cells, cells), np.nan))
+            nothing = float("nan")
+            return Survival(nothing, nothing, nothing, nothing, spin=np.full((cells, cells), np.nan))
         boards.append(checkerboard(u, air))
     density = flow.density.numpy()[INSIDE][air]
     return Survival(
@@ -68,7 +69,7 @@ def checkerboard(u: np.ndarray, air: np.ndarray) -> float:
         n = len(v) - 6
         seven = np.all([inside[i : i + n] for i in range(7)], axis=0)
         short, long = (
-            sum(factor * v[i * stride : i * stride + n] for i, factor in enumerate((1, -3, 3, -1)))[seven]
+            np.sum([factor * v[i * stride : i * stride + n] for i, factor in enumerate((1, -3, 3, -1))], axis=0)[seven]
             for stride in (1, 2)
         )
         return float((short**2).sum() / max(float((long**2).sum()), 1e-30))
@@ -101,10 +102,8 @@ def jet_through_an_open_side(variant: Variant, *, cells: int = 24, smagorinsky: 
     speed, wide = 0.1, cells / 3
 
     def blown(length: int) -> np.ndarray:
-        sides = dict.fromkeys(("x_low", "y_low", "y_high", "z_low", "z_high"), "wall")
-        flow = variant.flow(
-            (cells, cells, length), viscosity=speed * wide / 50.0, smagorinsky=smagorinsky, x_high="open", **sides
-        )
+        sides = all_sides("wall") | {"x_high": "open"}
+        flow = variant.flow((cells, cells, length), viscosity=speed * wide / 50.0, smagorinsky=smagorinsky, **sides)
         blow_jet(flow, speed, 0.5 * wide)
         flow.step(int(6.0 * cells / speed))
         return velocity_of(flow)

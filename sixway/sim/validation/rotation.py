@@ -1,4 +1,4 @@
-"""Experiments on the advection of scalars, for `validate_sim.py`."""
+"""One turn of a sharp density in a rotating flow: what advection keeps of it."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,8 @@
-"""Bodies in a wind, and one that moves through air at rest: for `validate_sim.py` and the gates among the tests."""
+"""Bodies in a wind (drag, vortex shedding), and one that moves through air at rest."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from sim_experiments_flow import Variant, air_of, put_inlets, velocity_of
 
 from sixway.core.frames import Grid
 from sixway.sim.bodies.motion import RigidMotion
@@ -12,6 +11,7 @@ from sixway.sim.bodies.voxelise import ObstacleField
 from sixway.sim.flow.flow import INSIDE, Flow
 from sixway.sim.flow.lattice import lattice_named
 from sixway.sim.units import LatticeUnits
+from sixway.sim.validation.flows import Variant, air_of, all_sides, put_inlets, velocity_of
 
 CELL_M = 0.01
 """Edge of a cell; a second is a step."""
@@ -57,8 +57,8 @@ def sphere_drag(variant: Variant, *, diameter: int, crossings: float = 10.0) -> 
     z, y, x = np.indices(shape) + 0.5
     cells = 4 * (z**2 + y**2 + (x - upstream) ** 2 < 0.25 * diameter**2).sum()
     wide = float((6.0 * cells / np.pi) ** (1.0 / 3.0))
-    sides = dict.fromkeys(("y_low", "y_high", "z_low", "z_high"), "slip")
-    flow = variant.flow(shape, viscosity=speed * wide / 100.0, x_low="wall", x_high="open", **sides)
+    sides = all_sides("slip") | {"x_low": "wall", "x_high": "open"}
+    flow = variant.flow(shape, viscosity=speed * wide / 100.0, **sides)
     centre, radius = (upstream * CELL_M, 0.0, 0.0), 0.5 * diameter * CELL_M
     filled = put_body(flow, Sphere(kind="sphere", centre_m=centre, radius_m=radius))
     assert 4 * filled.sum() == cells

@@ -1,29 +1,37 @@
-"""Flows in boxes whose answer is known: for `validate_sim.py` and the gates among the tests."""
+"""Flows in boxes whose answer is known: Taylor-Green, Poiseuille, Couette, the lid-driven cavity, a shear layer."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import warp as wp
 from pydantic import ValidationError
 
-from sixway.extras.moments import make_flow
 from sixway.sim.flow import oracle
 from sixway.sim.flow.faces import Face, Faces, MovingWall
-from sixway.sim.flow.flow import INSIDE, Flow, FlowConfig
+from sixway.sim.flow.flow import INSIDE, Flow, FlowConfig, MakeFlow
 from sixway.sim.flow.lattice import FLUID, CollisionModel, LatticeName, lattice_named
+
+
+def all_sides(face: Face) -> dict[str, Any]:
+    """The same face on every side of the box, as arguments of `Faces`."""
+    return {f"{axis}_{end}": face for axis in "xyz" for end in ("low", "high")}
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A way to compute air: lattice and collision model, as populations or as ten moments a cell."""
+    """A way to compute air: lattice and collision model, as populations or as ten moments a cell.
+
+    make_flow: `Flow`, or what knows moments too.
+    """
 
     lattice: LatticeName
     model: CollisionModel
     moments: bool = False
     device: str = "cpu"
     threads: int = 1
+    make_flow: MakeFlow = Flow
 
     @property
     def name(self) -> str:
@@ -33,7 +41,7 @@ class Variant:
         self, shape_zyx: tuple[int, int, int], *, viscosity: float, smagorinsky: float = 0.0, **sides: Face
     ) -> Flow:
         """Air at rest; sides of the box that are not named are periodic. No eddy viscosity unless asked for."""
-        faces = Faces(**{f"{axis}_{end}": "periodic" for axis in "xyz" for end in ("low", "high")} | sides)
+        faces = Faces(**(all_sides("periodic") | sides))
         config = FlowConfig(
             lattice=self.lattice,
             model=self.model,
@@ -42,15 +50,17 @@ class Variant:
             encoding="moments" if self.moments else "populations",
             faces=faces,
         )
-        return make_flow(config, shape_zyx=shape_zyx, viscosity=viscosity, device=self.device, threads=self.threads)
+        return self.make_flow(
+            config, shape_zyx=shape_zyx, viscosity=viscosity, device=self.device, threads=self.threads
+        )
 
 
-def offered(*, device: str = "cpu", threads: int = 1) -> Iterator[Variant]:
-    """All that a user can ask for."""
+def offered(*, device: str = "cpu", threads: int = 1, make_flow: MakeFlow = Flow) -> Iterator[Variant]:
+    """All that a user can ask for, of what `make_flow` knows."""
     for lattice in get_args(LatticeName):
         for model in get_args(CollisionModel):
             for moments in (False, True):
-                variant = Variant(lattice, model, moments, device, threads)
+                variant = Variant(lattice, model, moments, device, threads, make_flow)
                 try:
                     variant.flow((1, 1, 1), viscosity=0.1)
                 except (ValidationError, ValueError):
@@ -215,8 +225,7 @@ def mass_drift(variant: Variant, *, cells: int = 16, steps: int = 1000) -> float
     """What a closed box with a block in it loses or gains of its mass, stirred at a tenth of a cell a step."""
     rng = np.random.default_rng(3)
     box = (cells,) * 3
-    sides = {f"{axis}_{end}": "wall" for axis in "xyz" for end in ("low", "high")}
-    flow = variant.flow(box, viscosity=0.002, smagorinsky=0.1, **sides)
+    flow = variant.flow(box, viscosity=0.002, smagorinsky=0.1, **all_sides("wall"))
     solid = np.zeros(flow.kind.shape, dtype=np.int32)
     solid[(slice(cells // 3, cells // 2),) * 3] = 1
     put_solid(flow, solid)

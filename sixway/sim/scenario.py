@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from sixway.core.config import Config
 from sixway.core.frames import Grid
 from sixway.core.store import sha256_file
-from sixway.sim.bodies.shapes import Mesh, ObstacleConfig
+from sixway.sim.bodies.shapes import MeshBody, ObstacleConfig
 from sixway.sim.carried.burn import NEEDED, BurnConfig
 from sixway.sim.carried.scalars import FaceKind, Scheme
 from sixway.sim.checks import check_places
@@ -166,7 +166,7 @@ class ScenarioConfig(Config):
         values = super().identity()
         del values["frames"]
         for body, held in zip(self.obstacles, values["obstacles"], strict=True):
-            if isinstance(body, Mesh):
+            if isinstance(body, MeshBody):
                 held["path"] = sha256_file(Path(body.path))
         return values
 

@@ -74,7 +74,7 @@ class Body(Config):
         return -reach, reach
 
 
-class Sphere(Body):
+class SphereBody(Body):
     """A ball."""
 
     kind: Literal["sphere"]
@@ -115,7 +115,7 @@ class Upright(Body):
         return np.stack([across, np.cross(along, across), along], axis=1)
 
 
-class Cylinder(Upright):
+class CylinderBody(Upright):
     """A cylinder, from wall to wall unless it has a length."""
 
     kind: Literal["cylinder"]
@@ -138,7 +138,7 @@ class Cylinder(Upright):
         return _distance_to_box(np.stack([radial, along], axis=-1))
 
 
-class Capsule(Upright):
+class CapsuleBody(Upright):
     """A cylinder with round ends."""
 
     kind: Literal["capsule"]
@@ -158,7 +158,7 @@ class Capsule(Upright):
         return np.hypot(np.linalg.norm(points_m[..., :2], axis=-1), beyond) - self.radius_m
 
 
-class Box(Body):
+class BoxBody(Body):
     """A box."""
 
     kind: Literal["box"]
@@ -179,7 +179,7 @@ class Box(Body):
         return _distance_to_box(np.abs(points_m) - self.half_extent_m)
 
 
-class Mesh(Body):
+class MeshBody(Body):
     """A triangle mesh from a file, the centre of its bounds at `centre_m`.
 
     It need not be watertight: inside is where the winding number exceeds 1/2. Raises ValueError for a file that
@@ -233,17 +233,7 @@ class Mesh(Body):
         return np.reshape(self.surface.signed_distance(flat) * self.size_m, points_m.shape[:-1])
 
 
-ObstacleConfig = Annotated[Cylinder | Sphere | Box | Capsule | Mesh, Field(discriminator="kind")]
-
-
-def distance_to_nearest(
-    bodies: Sequence[Body], points_m: Float[np.ndarray, "*n 3"], time_s: float = 0.0
-) -> Float[np.ndarray, "*n"]:
-    """Signed distance [m] to the union at a time; infinite where there is no body at all."""
-    nearest = np.full(points_m.shape[:-1], np.inf)
-    for body in bodies:
-        nearest = np.minimum(nearest, body.signed_distance(points_m, time_s))
-    return nearest
+ObstacleConfig = Annotated[CylinderBody | SphereBody | BoxBody | CapsuleBody | MeshBody, Field(discriminator="kind")]
 
 
 def nearest_approach(

@@ -11,7 +11,7 @@ from sixway.bands import RowBands
 from sixway.core.frames import Grid
 from sixway.sim.bodies import voxelise_kernels as kernels
 from sixway.sim.bodies.distance_field import distance_field
-from sixway.sim.bodies.shapes import Body, Box, Capsule, Cylinder, Mesh, Sphere
+from sixway.sim.bodies.shapes import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
 from sixway.sim.units import LatticeUnits
 
 Region = tuple[np.ndarray, np.ndarray]
@@ -130,15 +130,15 @@ class _Drawable:
         self._spacing_m = 1.0
         self._half_m = body.half_extent_m
         match body:
-            case Sphere():
+            case SphereBody():
                 self._kind, self._half_m = kernels.CAPSULE, np.array([body.radius_m, 0.0, 0.0])
-            case Capsule():
+            case CapsuleBody():
                 self._kind, self._half_m = kernels.CAPSULE, np.array([body.radius_m, 0.0, 0.5 * body.length_m])
-            case Cylinder():
+            case CylinderBody():
                 self._kind = kernels.CYLINDER
-            case Box():
+            case BoxBody():
                 self._kind = kernels.BOX
-            case Mesh():
+            case MeshBody():
                 field = distance_field(body.surface, body.resolution)
                 self.field = wp.array(field.values / field.spacing, dtype=wp.float32, device=device)
                 self._kind, self._spacing_m = kernels.FIELD, field.spacing * body.size_m

@@ -6,7 +6,7 @@ import numpy as np
 
 from sixway.core.frames import Grid
 from sixway.sim.bodies.motion import RigidMotion
-from sixway.sim.bodies.shapes import Body, Cylinder, Sphere
+from sixway.sim.bodies.shapes import Body, CylinderBody, SphereBody
 from sixway.sim.bodies.voxelise import ObstacleField
 from sixway.sim.flow.flow import INSIDE, Flow
 from sixway.sim.flow.lattice import lattice_named
@@ -60,7 +60,7 @@ def sphere_drag(variant: Variant, *, diameter: int, crossings: float = 10.0) -> 
     sides = all_sides("slip") | {"x_low": "wall", "x_high": "open"}
     flow = variant.flow(shape, viscosity=speed * wide / 100.0, **sides)
     centre, radius = (upstream * CELL_M, 0.0, 0.0), 0.5 * diameter * CELL_M
-    filled = put_body(flow, Sphere(kind="sphere", centre_m=centre, radius_m=radius))
+    filled = put_body(flow, SphereBody(kind="sphere", centre_m=centre, radius_m=radius))
     assert 4 * filled.sum() == cells
     blow_from_x_low(flow, speed)
     flow.step(int(crossings * diameter / speed))
@@ -94,7 +94,7 @@ def cylinder_wake(variant: Variant, *, diameter: int = 12, crossings: float = 10
         z_low="slip",
         z_high="slip",
     )
-    put_body(flow, Cylinder(kind="cylinder", axis="y", centre_m=centre, radius_m=0.5 * diameter * CELL_M))
+    put_body(flow, CylinderBody(kind="cylinder", axis="y", centre_m=centre, radius_m=0.5 * diameter * CELL_M))
     blow_from_x_low(flow, speed)
     start = np.zeros((height, 1, length, 3))
     start[..., 0] = speed
@@ -128,7 +128,7 @@ def moving_sphere_balance(variant: Variant, *, diameter: int = 8, frames: int = 
     flow = variant.flow((3 * diameter, 3 * diameter, 4 * diameter), viscosity=0.05)
     middle, radius = 1.5 * diameter * CELL_M, 0.5 * diameter * CELL_M
     motion = RigidMotion(kind="rigid", velocity_m_s=(speed * CELL_M, 0.0, 0.0))
-    field = drawn(flow, Sphere(kind="sphere", centre_m=(middle,) * 3, radius_m=radius, motion=motion))
+    field = drawn(flow, SphereBody(kind="sphere", centre_m=(middle,) * 3, radius_m=radius, motion=motion))
     impulse = 0.0
     for frame in range(frames):
         field.update(frame * steps)

@@ -13,14 +13,13 @@ from sixway.core.frames import Grid
 from sixway.sim.bodies.motion import RigidMotion
 from sixway.sim.bodies.shapes import (
     Body,
-    Box,
-    Capsule,
-    Cylinder,
-    Mesh,
+    BoxBody,
+    CapsuleBody,
+    CylinderBody,
+    MeshBody,
     ObstacleConfig,
-    Sphere,
+    SphereBody,
     check_bodies,
-    distance_to_nearest,
     nearest_approach,
     surface_speed_m_s,
 )
@@ -43,11 +42,11 @@ def parse(**values: object) -> Body:
 def bodies(centre: tuple[float, float, float] = ORIGIN, turn: tuple[float, float, float] = ORIGIN) -> list[Body]:
     axis = tuple(Rotation.from_rotvec(turn, degrees=True).apply([0.0, 0.0, 1.0]).clip(-1.0, 1.0).tolist())
     return [
-        Sphere(kind="sphere", centre_m=centre, radius_m=0.2),
-        Cylinder(kind="cylinder", centre_m=centre, radius_m=0.15, axis=axis),
-        Cylinder(kind="cylinder", centre_m=centre, radius_m=0.15, length_m=0.4, axis=axis),
-        Capsule(kind="capsule", centre_m=centre, radius_m=0.12, length_m=0.3, axis=axis),
-        Box(kind="box", centre_m=centre, size_m=(0.3, 0.2, 0.4), rotation_deg=turn),
+        SphereBody(kind="sphere", centre_m=centre, radius_m=0.2),
+        CylinderBody(kind="cylinder", centre_m=centre, radius_m=0.15, axis=axis),
+        CylinderBody(kind="cylinder", centre_m=centre, radius_m=0.15, length_m=0.4, axis=axis),
+        CapsuleBody(kind="capsule", centre_m=centre, radius_m=0.12, length_m=0.3, axis=axis),
+        BoxBody(kind="box", centre_m=centre, size_m=(0.3, 0.2, 0.4), rotation_deg=turn),
     ]
 
 
@@ -126,35 +125,27 @@ def test_no_distance_changes_faster_than_the_way_gone_and_bounds_hold(turn: tupl
 
 
 def test_bounds_are_no_larger_than_they_must_be() -> None:
-    slanted = Cylinder(kind="cylinder", centre_m=ORIGIN, radius_m=0.3, length_m=0.8, axis=(0.0, 1.0, 1.0))
+    slanted = CylinderBody(kind="cylinder", centre_m=ORIGIN, radius_m=0.3, length_m=0.8, axis=(0.0, 1.0, 1.0))
     low, high = slanted.bounds_m(0.0)
     assert np.allclose(high, [0.3, 0.7 / np.sqrt(2), 0.7 / np.sqrt(2)]) and np.allclose(low, -high)
-    capsule = Capsule(kind="capsule", centre_m=ORIGIN, radius_m=0.3, length_m=0.8, axis=(0.0, 1.0, 1.0))
+    capsule = CapsuleBody(kind="capsule", centre_m=ORIGIN, radius_m=0.3, length_m=0.8, axis=(0.0, 1.0, 1.0))
     assert np.allclose(capsule.bounds_m(0.0)[1], [0.3, 0.3 + 0.4 / np.sqrt(2), 0.3 + 0.4 / np.sqrt(2)])
     spinning = RigidMotion(kind="rigid", spin_deg_s=(0.0, 45.0, 0.0))
-    assert np.allclose(Sphere(kind="sphere", centre_m=ORIGIN, radius_m=0.3, motion=spinning).bounds_m(1.0)[1], 0.3)
+    assert np.allclose(SphereBody(kind="sphere", centre_m=ORIGIN, radius_m=0.3, motion=spinning).bounds_m(1.0)[1], 0.3)
 
 
 def test_a_moving_body_is_the_resting_one_elsewhere(rng: np.random.Generator) -> None:
     points = rng.uniform(-0.5, 0.5, (100, 3))
     motion = RigidMotion(kind="rigid", velocity_m_s=(0.1, 0.2, -0.05), spin_deg_s=(0.0, 0.0, 30.0))
-    moving = Box(kind="box", centre_m=ORIGIN, size_m=(0.3, 0.2, 0.4), motion=motion)
-    there = Box(kind="box", centre_m=(0.2, 0.4, -0.1), size_m=(0.3, 0.2, 0.4), rotation_deg=(0.0, 0.0, 60.0))
+    moving = BoxBody(kind="box", centre_m=ORIGIN, size_m=(0.3, 0.2, 0.4), motion=motion)
+    there = BoxBody(kind="box", centre_m=(0.2, 0.4, -0.1), size_m=(0.3, 0.2, 0.4), rotation_deg=(0.0, 0.0, 60.0))
     assert np.allclose(moving.signed_distance(points, 2.0), there.signed_distance(points))
-
-
-def test_the_nearest_of_several_counts(rng: np.random.Generator) -> None:
-    points = rng.uniform(-0.5, 0.5, (100, 3))
-    some = bodies(centre=(0.2, 0.0, 0.1)) + bodies(centre=(-0.3, 0.2, 0.0))
-    each = np.stack([body.signed_distance(points) for body in some])
-    assert np.array_equal(distance_to_nearest(some, points), each.min(axis=0))
-    assert np.all(np.isinf(distance_to_nearest([], points)))
 
 
 def test_the_nearest_approach_is_found_with_its_time() -> None:
     motion = RigidMotion(kind="rigid", velocity_m_s=(0.0, -0.1, 0.0))
-    falling = Sphere(kind="sphere", centre_m=(0.0, 0.4, 0.0), radius_m=0.1, motion=motion)
-    resting = Sphere(kind="sphere", centre_m=(0.4, 0.0, 0.0), radius_m=0.1)
+    falling = SphereBody(kind="sphere", centre_m=(0.0, 0.4, 0.0), radius_m=0.1, motion=motion)
+    resting = SphereBody(kind="sphere", centre_m=(0.4, 0.0, 0.0), radius_m=0.1)
     inlet = np.array([[0.0, -0.5, 0.0], [0.1, -0.5, 0.0]])
     times = np.linspace(0.0, 6.0, 13).tolist()
     gap, when = nearest_approach([falling, resting], inlet, times_s=times, within_m=0.5)
@@ -165,7 +156,7 @@ def test_the_nearest_approach_is_found_with_its_time() -> None:
 
 def test_the_speed_of_a_spinning_surface() -> None:
     motion = RigidMotion(kind="rigid", velocity_m_s=(1.0, 0.0, 0.0), spin_deg_s=(0.0, 0.0, 180.0))
-    bar = Box(kind="box", centre_m=ORIGIN, size_m=(0.6, 0.8, 0.1), motion=motion)
+    bar = BoxBody(kind="box", centre_m=ORIGIN, size_m=(0.6, 0.8, 0.1), motion=motion)
     # the corner (-0.3, -0.4) turns with pi (0.4, -0.3)
     assert surface_speed_m_s(bar, 0.0, within_m=9.0) == pytest.approx(np.hypot(1 + 0.4 * np.pi, 0.3 * np.pi))
 
@@ -185,7 +176,7 @@ def moving_sphere(**motion: object) -> Body:
     ],
 )
 def test_bodies_that_the_grid_cannot_carry_are_refused(body: Body, told: str) -> None:
-    fits = Box(kind="box", centre_m=(0.4, 0.4, 0.4), size_m=(0.3, 0.3, 0.3))  # it crosses the walls
+    fits = BoxBody(kind="box", centre_m=(0.4, 0.4, 0.4), size_m=(0.3, 0.3, 0.3))  # it crosses the walls
     times = np.linspace(0.0, 4.0, 9).tolist()
     check_bodies([fits], grid=GRID, units=UNITS, times_s=times)
     with pytest.raises(ValueError, match=told):
@@ -227,7 +218,7 @@ def test_a_mesh_is_found_from_its_config_and_comes_back_from_its_dump(tmp_path: 
 @pytest.mark.parametrize(("up", "ear_tip"), [("x", (-1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, -1))])
 def test_the_up_axis_of_a_mesh_points_up(up: str, ear_tip: tuple) -> None:
     """The file's y is where the bunny's ears point: it lies down unless that is said."""
-    body = Mesh(kind="mesh", path=str(BUNNY), centre_m=ORIGIN, size_m=1.0, up=up)
+    body = MeshBody(kind="mesh", path=str(BUNNY), centre_m=ORIGIN, size_m=1.0, up=up)
     assert np.allclose(body.rest_rotation @ [0.0, 1.0, 0.0], ear_tip, atol=1e-12)
     along = {"x": 0, "y": 1, "z": 2}[up]
     assert np.allclose(body.rest_rotation[:, along], [0.0, 1.0, 0.0], atol=1e-12)
@@ -237,7 +228,7 @@ def test_the_up_axis_of_a_mesh_points_up(up: str, ear_tip: tuple) -> None:
 
 
 def test_a_mesh_turns_about_the_centre_of_its_bounds() -> None:
-    body = Mesh(kind="mesh", path=str(BUNNY), centre_m=(0.2, 0.1, 0.0), size_m=0.5, rotation_deg=(0.0, 180.0, 0.0))
+    body = MeshBody(kind="mesh", path=str(BUNNY), centre_m=(0.2, 0.1, 0.0), size_m=0.5, rotation_deg=(0.0, 180.0, 0.0))
     low, high = body.bounds_m(0.0)
     assert np.allclose(0.5 * (low + high), [0.2, 0.1, 0.0])
     assert np.allclose(0.5 * (high - low), body.half_extent_m)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from sixway.core.frames import Grid
 from sixway.sim.bodies.distance_field import distance_field
 from sixway.sim.bodies.motion import Keyframes, RigidMotion
-from sixway.sim.bodies.shapes import Body, Box, Capsule, Cylinder, Mesh, Sphere
+from sixway.sim.bodies.shapes import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
 from sixway.sim.bodies.voxelise import ObstacleField
 from sixway.sim.units import LatticeUnits
 
@@ -36,7 +36,7 @@ def centres(grid: Grid, *, shell: int = 0) -> np.ndarray:
 
 def oracle_distance(body: Body, points_m: np.ndarray, time_s: float) -> np.ndarray:
     """The NumPy distance; of meshes that of their field, as reading it is what the kernel does."""
-    if not isinstance(body, Mesh):
+    if not isinstance(body, MeshBody):
         return body.signed_distance(points_m, time_s)
     centre, rotation = body.placement(time_s)
     flat = ((points_m - centre) @ rotation).reshape(-1, 3) / body.size_m
@@ -69,17 +69,17 @@ def body_of(kind: str, centre: tuple, turn: tuple, motion: RigidMotion | None) -
     common = {"centre_m": centre, "motion": motion}
     match kind:
         case "sphere":
-            return Sphere(kind="sphere", radius_m=0.2, **common)
+            return SphereBody(kind="sphere", radius_m=0.2, **common)
         case "endless":
-            return Cylinder(kind="cylinder", radius_m=0.15, axis=axis, **common)
+            return CylinderBody(kind="cylinder", radius_m=0.15, axis=axis, **common)
         case "cylinder":
-            return Cylinder(kind="cylinder", radius_m=0.15, length_m=0.5, axis=axis, **common)
+            return CylinderBody(kind="cylinder", radius_m=0.15, length_m=0.5, axis=axis, **common)
         case "capsule":
-            return Capsule(kind="capsule", radius_m=0.12, length_m=0.3, axis=axis, **common)
+            return CapsuleBody(kind="capsule", radius_m=0.12, length_m=0.3, axis=axis, **common)
         case "box":
-            return Box(kind="box", size_m=(0.3, 0.2, 0.4), rotation_deg=turn, **common)
+            return BoxBody(kind="box", size_m=(0.3, 0.2, 0.4), rotation_deg=turn, **common)
         case _:
-            return Mesh(kind="mesh", path=BUNNY, size_m=0.6, rotation_deg=turn, resolution=24, **common)
+            return MeshBody(kind="mesh", path=BUNNY, size_m=0.6, rotation_deg=turn, resolution=24, **common)
 
 
 @settings(max_examples=60, deadline=None)
@@ -120,7 +120,7 @@ def test_fractions_add_up_to_the_volume(kind: str, volume_m3: float, device: str
 def test_a_spinning_body_carries_its_walls_round(device: str) -> None:
     """omega about z through a centre off the origin: u = omega (-y, x), checked cell by cell with plain numbers."""
     motion = RigidMotion(kind="rigid", velocity_m_s=(0.0, 0.0, 0.5), spin_deg_s=(0.0, 0.0, 90.0))
-    wheel = Cylinder(kind="cylinder", centre_m=(0.1, -0.05, 0.0), radius_m=0.2, length_m=0.3, motion=motion)
+    wheel = CylinderBody(kind="cylinder", centre_m=(0.1, -0.05, 0.0), radius_m=0.2, length_m=0.3, motion=motion)
     field = draw(wheel, device=device)
     z, y, x = np.nonzero(field.solid.numpy())
     per_step = np.pi / 2 * UNITS.dt_s
@@ -185,8 +185,8 @@ def test_a_sphere_of_triangles_is_a_sphere(tmp_path: Path, device: str) -> None:
 
     trimesh.creation.icosphere(subdivisions=4, radius=7.0).export(tmp_path / "ball.stl")
     motion = RigidMotion(kind="rigid", velocity_m_s=(0.1, 0.0, 0.0), spin_deg_s=(50.0, 70.0, 0.0))
-    mesh = Mesh(kind="mesh", path=str(tmp_path / "ball.stl"), centre_m=(0.0, 0.05, 0.0), size_m=0.5, motion=motion)
-    ball = Sphere(kind="sphere", centre_m=(0.0, 0.05, 0.0), radius_m=0.25, motion=motion)
+    mesh = MeshBody(kind="mesh", path=str(tmp_path / "ball.stl"), centre_m=(0.0, 0.05, 0.0), size_m=0.5, motion=motion)
+    ball = SphereBody(kind="sphere", centre_m=(0.0, 0.05, 0.0), radius_m=0.25, motion=motion)
     drawn, exact = draw(mesh, device=device), draw(ball, device=device)
     for field in (drawn, exact):
         field.update(0.9)
